@@ -1,0 +1,311 @@
+"""Everything known about one motion: frozen arrays, validated and named.
+
+`MotionTrajectory` is what the optimisation needs in every frame; its `Skeleton` holds the joints,
+bodies, muscle paths and loads from which stability rows are computed. Frames always come first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
+
+import numpy as np
+
+from scso_nlp.exceptions import DataError
+from scso_nlp.validation import BoolArray, FloatArray, IntArray, read_only, unique_names
+
+#: Body index of a padding entry in `Skeleton.path_point_bodies`.
+NO_POINT = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skeleton:
+    """Joints, bodies, muscle paths and loads of one motion, all expressed in ground.
+
+    Body 0 is ground. The base side of a joint is the one that holds ground.
+
+    Attributes
+    ----------
+    bodies : tuple of str
+        Names; the first is ``"ground"``.
+    body_parents : ndarray of int, shape (n_bodies,)
+        Index of the body that each body hangs on; -1 for ground.
+    body_masses : ndarray, shape (n_bodies,) [kg]
+    body_mass_centers : ndarray, shape (n_frames, n_bodies, 3) [m]
+    gravity : ndarray, shape (3,) [m/s²]
+    joints : tuple of str
+        Joints that can move, in the model's order.
+    joint_children : ndarray of int, shape (n_joints,)
+        The body on the distal side of each joint.
+    joint_centers : ndarray, shape (n_frames, n_joints, 3) [m]
+        Origin of the joint's child frame.
+    joint_axes : ndarray, shape (n_frames, n_joints, 3, 3) [-]
+        ``joint_axes[k, j, u]`` is the unit axis called x, y or z (u = 0, 1, 2). For a joint with a
+        spatial transform these are its three successive rotation axes, each called by the letter it
+        lies nearest to; otherwise the axes of the parent frame.
+    load_names : tuple of str
+        External loads.
+    load_bodies : ndarray of int, shape (n_loads,)
+        Body that each load acts on.
+    load_forces, load_points, load_torques : ndarray, shape (n_frames, n_loads, 3) [N], [m], [N·m]
+    path_points : ndarray, shape (n_frames, n_muscles, n_points, 3) [m]
+        Points of every muscle's path from origin to insertion, padded at the end with zeros.
+    path_point_bodies : ndarray of int, shape (n_frames, n_muscles, n_points)
+        The body each point is fixed to; -1 where padded.
+    path_point_moves : ndarray of bool, shape (n_frames, n_muscles, n_points)
+        True for points that are not fixed to their body: contact points on a wrap surface and moving
+        path points.
+    virtual_rows : tuple of str
+        ``"<joint>_<x|y|z>"`` of the joint axes for which the two following arrays are given.
+    virtual_moment_arms : ndarray, shape (n_frames, n_virtual_rows, n_muscles) [m]
+        Moment arms when everything distal of the joint turns rigidly about the axis, by OpenSim's own
+        paths; NaN where not asked for (paths without moving points need none).
+    virtual_curvature : ndarray, shape (n_frames, n_virtual_rows, n_muscles) [m]
+        Second derivative of muscle-tendon length for the same rotation; NaN likewise.
+    """
+
+    bodies: tuple[str, ...]
+    body_parents: IntArray
+    body_masses: FloatArray
+    body_mass_centers: FloatArray
+    gravity: FloatArray
+    joints: tuple[str, ...]
+    joint_children: IntArray
+    joint_centers: FloatArray
+    joint_axes: FloatArray
+    load_names: tuple[str, ...]
+    load_bodies: IntArray
+    load_forces: FloatArray
+    load_points: FloatArray
+    load_torques: FloatArray
+    path_points: FloatArray
+    path_point_bodies: IntArray
+    path_point_moves: BoolArray
+    virtual_rows: tuple[str, ...] = ()
+    virtual_moment_arms: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    virtual_curvature: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        for kind in ("bodies", "joints", "load_names", "virtual_rows"):
+            set_field(self, kind, unique_names(kind, getattr(self, kind)))
+        n_bodies, n_joints, n_loads = len(self.bodies), len(self.joints), len(self.load_names)
+        n_frames, n_muscles, n_points = np.shape(self.path_point_bodies)
+        if not self.virtual_rows:
+            for name in ("virtual_moment_arms", "virtual_curvature"):
+                set_field(self, name, np.zeros((n_frames, 0, n_muscles)))
+        n_rows = len(self.virtual_rows)
+        shapes = {
+            "body_masses": ((n_bodies,), "n_bodies"),
+            "body_mass_centers": ((n_frames, n_bodies, 3), "n_frames, n_bodies, 3"),
+            "gravity": ((3,), "3"),
+            "joint_centers": ((n_frames, n_joints, 3), "n_frames, n_joints, 3"),
+            "joint_axes": ((n_frames, n_joints, 3, 3), "n_frames, n_joints, 3, 3"),
+            "load_forces": ((n_frames, n_loads, 3), "n_frames, n_loads, 3"),
+            "load_points": ((n_frames, n_loads, 3), "n_frames, n_loads, 3"),
+            "load_torques": ((n_frames, n_loads, 3), "n_frames, n_loads, 3"),
+            "path_points": ((n_frames, n_muscles, n_points, 3), "n_frames, n_muscles, n_points, 3"),
+            "virtual_moment_arms": ((n_frames, n_rows, n_muscles), "n_frames, n_virtual_rows, n_muscles"),
+            "virtual_curvature": ((n_frames, n_rows, n_muscles), "n_frames, n_virtual_rows, n_muscles"),
+        }
+        for name, (shape, axes) in shapes.items():
+            finite = not name.startswith("virtual")
+            set_field(self, name, read_only(name, getattr(self, name), shape, axes, finite=finite))
+        for name, length in (
+            ("body_parents", n_bodies),
+            ("joint_children", n_joints),
+            ("load_bodies", n_loads),
+        ):
+            set_field(self, name, _read_only_indices(name, getattr(self, name), (length,), n_bodies))
+        points = (n_frames, n_muscles, n_points)
+        set_field(
+            self,
+            "path_point_bodies",
+            _read_only_indices("path_point_bodies", self.path_point_bodies, points, n_bodies),
+        )
+        moves = np.array(self.path_point_moves, dtype=bool)
+        if moves.shape != points:
+            raise DataError(
+                f"path_point_moves has shape {moves.shape}, expected {points} = "
+                "(n_frames, n_muscles, n_points)"
+            )
+        moves.flags.writeable = False
+        set_field(self, "path_point_moves", moves)
+
+    def frames(self, selection: slice | IntArray) -> Skeleton:
+        """Keep some frames; all else stays."""
+        return _select_frames(self, selection)
+
+    def distal_bodies(self, joint: int) -> BoolArray:
+        """Tell which bodies turn with the distal side of a joint.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_bodies,)
+        """
+        distal = np.zeros(len(self.bodies), dtype=bool)
+        distal[self.joint_children[joint]] = True
+        for body in range(len(self.bodies)):
+            chain = []
+            ancestor = body
+            while ancestor >= 0 and not distal[ancestor] and len(chain) <= len(self.bodies):
+                chain.append(ancestor)
+                ancestor = int(self.body_parents[ancestor])
+            if ancestor >= 0 and distal[ancestor]:
+                distal[chain] = True
+        return distal
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionTrajectory:
+    """Time series of one motion, ready for optimisation.
+
+    Coordinates are the free ones, in the model's multibody tree order: locked, prescribed and coupled
+    coordinates have been eliminated (their share stands in the moment arms of the free ones).
+
+    Attributes
+    ----------
+    name : str
+        Name of the analysis; result files start with it.
+    muscles, actuators, coordinates : tuple of str
+    is_rotational : ndarray of bool, shape (n_coordinates,)
+        True where the coordinate is an angle.
+    time : ndarray, shape (n_frames,) [s]
+        Strictly increasing.
+    coordinate_values, coordinate_speeds : ndarray, shape (n_frames, n_coordinates) [rad, m], [rad/s, m/s]
+    muscle_tendon_length : ndarray, shape (n_frames, n_muscles) [m]
+    muscle_tendon_velocity : ndarray, shape (n_frames, n_muscles) [m/s]
+        Positive when lengthening.
+    moment_arms : ndarray, shape (n_frames, n_coordinates, n_muscles) [m]
+        Generalized force per newton of tendon force, r = -dl/dq.
+    actuator_generalized_forces : ndarray, shape (n_frames, n_coordinates, n_actuators) [N·m or N]
+        Generalized force of each actuator at a control of one.
+    generalized_forces : ndarray, shape (n_frames, n_coordinates) [N·m or N]
+        What muscles and actuators together must produce.
+    passive_generalized_forces : ndarray, shape (n_frames, n_coordinates) [N·m or N]
+        Share of the model's passive elements (springs, bushings, limit forces, ligaments), already
+        taken off `generalized_forces`.
+    active_force_capacity : ndarray, shape (n_frames, n_muscles) [N]
+        OpenSim's tendon force at full activation with an inextensible tendon.
+    force_columns : tuple of str
+        Columns of OpenSim's force file in its order: actuators and `other_force_labels`.
+    other_force_labels : tuple of str
+        Record labels of the forces that are not optimised.
+    other_forces : ndarray, shape (n_frames, n_other_force_labels) [mixed]
+    skeleton : Skeleton
+    """
+
+    name: str
+    muscles: tuple[str, ...]
+    actuators: tuple[str, ...] = ()
+    coordinates: tuple[str, ...]
+    is_rotational: BoolArray
+    time: FloatArray
+    coordinate_values: FloatArray
+    coordinate_speeds: FloatArray
+    muscle_tendon_length: FloatArray
+    muscle_tendon_velocity: FloatArray
+    moment_arms: FloatArray
+    actuator_generalized_forces: FloatArray
+    generalized_forces: FloatArray
+    passive_generalized_forces: FloatArray
+    active_force_capacity: FloatArray
+    force_columns: tuple[str, ...] = ()
+    other_force_labels: tuple[str, ...] = ()
+    other_forces: FloatArray
+    skeleton: Skeleton | None = None
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        for kind in ("muscles", "actuators", "coordinates", "other_force_labels"):
+            set_field(self, kind, unique_names(kind, getattr(self, kind)))
+        set_field(self, "force_columns", tuple(self.force_columns))
+        n_muscles, n_actuators, n_coordinates = len(self.muscles), len(self.actuators), len(self.coordinates)
+        time = read_only("time", self.time, (-1,), "n_frames")
+        set_field(self, "time", time)
+        if time.size == 0:
+            raise DataError(f"the motion {self.name!r} has no frame, expected at least one")
+        if (np.diff(time) <= 0).any():
+            late = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
+            raise DataError(
+                f"time is not increasing at frame {late}: {time[late]:g} s after {time[late - 1]:g} s"
+            )
+        f = time.size
+        shapes = {
+            "coordinate_values": ((f, n_coordinates), "n_frames, n_coordinates"),
+            "coordinate_speeds": ((f, n_coordinates), "n_frames, n_coordinates"),
+            "muscle_tendon_length": ((f, n_muscles), "n_frames, n_muscles"),
+            "muscle_tendon_velocity": ((f, n_muscles), "n_frames, n_muscles"),
+            "moment_arms": ((f, n_coordinates, n_muscles), "n_frames, n_coordinates, n_muscles"),
+            "actuator_generalized_forces": (
+                (f, n_coordinates, n_actuators),
+                "n_frames, n_coordinates, n_actuators",
+            ),
+            "generalized_forces": ((f, n_coordinates), "n_frames, n_coordinates"),
+            "passive_generalized_forces": ((f, n_coordinates), "n_frames, n_coordinates"),
+            "active_force_capacity": ((f, n_muscles), "n_frames, n_muscles"),
+            "other_forces": ((f, len(self.other_force_labels)), "n_frames, n_other_force_labels"),
+        }
+        for name, (shape, axes) in shapes.items():
+            set_field(self, name, read_only(name, getattr(self, name), shape, axes))
+        rotational = np.array(self.is_rotational, dtype=bool)
+        if rotational.shape != (n_coordinates,):
+            raise DataError(
+                f"is_rotational has shape {rotational.shape}, expected ({n_coordinates},) = (n_coordinates,)"
+            )
+        rotational.flags.writeable = False
+        set_field(self, "is_rotational", rotational)
+        if self.skeleton is not None:
+            found = self.skeleton.path_point_bodies.shape[:2]
+            if found != (f, n_muscles):
+                raise DataError(
+                    f"skeleton has {found} (n_frames, n_muscles), the trajectory has {(f, n_muscles)}"
+                )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return self.time.size
+
+    def frames(self, start: int | Iterable[int], stop: int | None = None) -> MotionTrajectory:
+        """Keep the frames from `start` up to but without `stop`, or the frames listed.
+
+        Returns
+        -------
+        MotionTrajectory
+            All else unchanged.
+        """
+        if isinstance(start, int):
+            return _select_frames(self, slice(start, stop))
+        return _select_frames(self, np.array(list(start), dtype=np.int64))
+
+
+#: Fields whose first axis is not the frames.
+_WITHOUT_FRAMES = frozenset(
+    {"is_rotational", "body_parents", "body_masses", "gravity", "joint_children", "load_bodies"}
+)
+
+
+_Data = TypeVar("_Data", MotionTrajectory, Skeleton)
+
+
+def _select_frames(data: _Data, selection: slice | IntArray) -> _Data:
+    changes: dict[str, object] = {}
+    for item in fields(data):
+        value = getattr(data, item.name)
+        if isinstance(value, np.ndarray) and item.name not in _WITHOUT_FRAMES:
+            changes[item.name] = value[selection]
+        elif isinstance(value, Skeleton):
+            changes[item.name] = value.frames(selection)
+    return replace(data, **changes)  # type: ignore[arg-type]
+
+
+def _read_only_indices(name: str, values: object, shape: tuple[int, ...], n_bodies: int) -> IntArray:
+    array = np.array(values, dtype=np.int64)
+    if array.shape != shape:
+        raise DataError(f"{name} has shape {array.shape}, expected {shape}")
+    if ((array < -1) | (array >= n_bodies)).any():
+        raise DataError(f"{name} holds an index outside the {n_bodies} bodies")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,96 @@
+"""Checks that turn caller's data into read-only arrays, or say in one sentence why not.
+
+Used by the frozen data classes; nothing here knows about muscles or solvers.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scso_nlp.exceptions import DataError, NameMismatchError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def read_only(
+    name: str, values: object, shape: Sequence[int], axes: str, *, finite: bool = True
+) -> FloatArray:
+    """Copy `values` to a read-only float array of the given shape.
+
+    Parameters
+    ----------
+    name : str
+        How the array is called in error messages.
+    values : array_like
+        The caller's numbers.
+    shape : sequence of int
+        Expected shape; -1 accepts any length along that axis.
+    axes : str
+        The names of the axes, for the message, e.g. ``"n_frames, n_muscles"``.
+    finite : bool
+        Refuse NaN and infinity.
+
+    Returns
+    -------
+    ndarray, shape `shape`
+        A copy that cannot be written to.
+
+    Raises
+    ------
+    DataError
+        Not numeric, wrong shape, or not finite (the first bad index is named).
+    """
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name} cannot be read as numbers: {error}") from None
+    expected = tuple(shape)
+    if array.ndim != len(expected) or any(
+        e not in (-1, n) for e, n in zip(expected, array.shape, strict=True)
+    ):
+        raise DataError(f"{name} has shape {array.shape}, expected {expected} = ({axes})")
+    if finite and not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name} is {array[where]} at index {where} of ({axes}), expected a finite number")
+    array.flags.writeable = False
+    return array
+
+
+def unique_names(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+    """Return `names` as a tuple, or raise :class:`DataError` if one stands twice."""
+    result = tuple(str(name) for name in names)
+    twice = (
+        sorted({name for name in result if result.count(name) > 1}) if len(set(result)) < len(result) else []
+    )
+    if twice:
+        raise DataError(f"{kind} names must be unique, found twice: {', '.join(twice)}")
+    return result
+
+
+def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> IntArray:
+    """Find `wanted` names among `available` ones.
+
+    Returns
+    -------
+    ndarray of int, shape (n_wanted,)
+        The position of each wanted name.
+
+    Raises
+    ------
+    NameMismatchError
+        A name is not there; the closest ones are suggested.
+    """
+    table = {name: i for i, name in enumerate(available)}
+    wanted = tuple(wanted)
+    missing = [name for name in wanted if name not in table]
+    if missing:
+        close = difflib.get_close_matches(missing[0], available, n=3, cutoff=0.5)
+        hint = f"closest: {', '.join(close)}" if close else f"available: {', '.join(list(available)[:12])}"
+        raise NameMismatchError(f"unknown {kind} {', '.join(repr(name) for name in missing)} ({hint})")
+    return np.array([table[name] for name in wanted], dtype=np.int64)
