@@ -1,0 +1,218 @@
+"""Bundles: a motion with its muscles and actuators in one ``.npz`` file.
+
+A bundle holds what OpenSim computed, so that a second solve needs no OpenSim. It is NumPy arrays and one
+JSON header, never a pickle: reading a bundle runs no code from it. Nothing here knows the fields of the data
+classes, so new fields need no change.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import uuid
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
+from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+from scso_nlp.trajectory import MotionTrajectory, Skeleton
+
+#: Written into every bundle; a reader refuses other formats and later versions.
+FORMAT, FORMAT_VERSION = "scso_nlp motion bundle", 1
+#: Name of the JSON header among the arrays.
+HEADER = "header"
+#: Classes by the name they have in a bundle.
+PARTS = {"trajectory": MotionTrajectory, "muscles": MuscleParameters, "actuators": ActuatorParameters}
+#: Data classes that are fields of other data classes.
+NESTED = {"skeleton": Skeleton}
+
+_Data = TypeVar("_Data")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where the numbers of a bundle come from.
+
+    Attributes
+    ----------
+    package_version, opensim_version : str
+    inputs : mapping of str to str
+        SHA-256 of every input file by its name.
+    settings : mapping of str to object
+        The description that was computed, JSON values only.
+    """
+
+    package_version: str = ""
+    opensim_version: str = ""
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def save_bundle(
+    path: str | os.PathLike[str],
+    trajectory: MotionTrajectory,
+    muscles: MuscleParameters,
+    actuators: ActuatorParameters,
+    *,
+    provenance: Provenance | None = None,
+) -> None:
+    """Write a motion, its muscles and its actuators to one file, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Target, by custom ``.npz``; an existing file is replaced. The folder must exist.
+    trajectory : MotionTrajectory
+    muscles : MuscleParameters
+    actuators : ActuatorParameters
+    provenance : Provenance, optional
+        Versions and input hashes.
+
+    Raises
+    ------
+    DataError
+        The file cannot be written.
+    """
+    path = Path(path)
+    arrays: dict[str, np.ndarray] = {}
+    values = {
+        name: _take_apart(name, part, arrays)
+        for name, part in (("trajectory", trajectory), ("muscles", muscles), ("actuators", actuators))
+    }
+    header = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "provenance": dataclasses.asdict(provenance or Provenance()),
+        "values": values,
+    }
+    text = json.dumps(header, allow_nan=True).encode("utf-8")
+    arrays[HEADER] = np.frombuffer(text, dtype=np.uint8)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        with open(temporary, "xb") as file:
+            np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        os.replace(temporary, path)
+    except OSError as error:
+        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def load_bundle(
+    path: str | os.PathLike[str],
+) -> tuple[MotionTrajectory, MuscleParameters, ActuatorParameters]:
+    """Read a bundle.
+
+    Returns
+    -------
+    MotionTrajectory, MuscleParameters, ActuatorParameters
+        Validated again, equal to what was saved bit by bit.
+
+    Raises
+    ------
+    DataError
+        No such file.
+    FileFormatError
+        Not a bundle, damaged, or written by a later version.
+    """
+    path = Path(path)
+    header, arrays = _read(path)
+    try:
+        parts = [_put_together(kind, name, header["values"][name], arrays) for name, kind in PARTS.items()]
+    except (KeyError, TypeError, ValueError, ScsoError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise FileFormatError(f"{path} is damaged: {reason}") from None
+    trajectory, muscles, actuators = parts
+    return trajectory, muscles, actuators
+
+
+def read_provenance(path: str | os.PathLike[str]) -> Provenance:
+    """Read where the numbers of a bundle come from.
+
+    Raises
+    ------
+    DataError
+        No such file.
+    FileFormatError
+        Not a bundle, damaged, or written by a later version.
+    """
+    path = Path(path)
+    header, _ = _read(path)
+    try:
+        return Provenance(**header["provenance"])
+    except (KeyError, TypeError) as error:
+        raise FileFormatError(f"{path} is damaged: its provenance cannot be read ({error})") from None
+
+
+def _take_apart(prefix: str, data: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Move the arrays of a data class into `arrays`; return the rest as JSON values."""
+    values: dict[str, Any] = {}
+    for item in dataclasses.fields(data):
+        value = getattr(data, item.name)
+        name = f"{prefix}.{item.name}"
+        if isinstance(value, np.ndarray):
+            arrays[name] = value
+        elif dataclasses.is_dataclass(value):
+            values[item.name] = _take_apart(name, value, arrays)
+        else:
+            values[item.name] = _plain(value)
+    return values
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(entry) for entry in value]
+    return value
+
+
+def _put_together(kind: type[_Data], prefix: str, values: dict[str, Any], arrays: dict[str, Any]) -> _Data:
+    found: dict[str, Any] = {}
+    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
+        name = f"{prefix}.{item.name}"
+        if name in arrays:
+            found[item.name] = arrays[name]
+        elif item.name in values:
+            value = values[item.name]
+            if item.name in NESTED and value is not None:
+                value = _put_together(NESTED[item.name], name, value, arrays)
+            found[item.name] = tuple(value) if isinstance(value, list) else value
+        elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
+            raise KeyError(name)
+    return kind(**found)
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    if not path.is_file():
+        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    foreign = FileFormatError(f"{path} is not a motion bundle of this package")
+    try:
+        if not zipfile.is_zipfile(path):
+            raise foreign
+        with np.load(path, allow_pickle=False) as content:
+            if HEADER not in content.files:
+                raise foreign
+            arrays = {name: content[name] for name in content.files}
+        header = json.loads(arrays.pop(HEADER).tobytes().decode("utf-8"))
+    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
+        raise FileFormatError(f"{path} is damaged: {error}") from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise foreign
+    version = header.get("format_version")
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        raise FileFormatError(
+            f"{path} has bundle version {version}, this package reads up to {FORMAT_VERSION}: update it"
+        )
+    return header, arrays

@@ -1,0 +1,477 @@
+"""Setup files of OpenSim's AnalyzeTool, read as OpenSim reads them.
+
+:func:`read_analyze_setup` turns an XML file into a frozen description; no OpenSim process is needed.
+Files are untrusted: no entity is expanded. Every path is checked here, before OpenSim starts.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
+
+from scso_nlp.exceptions import DataError, FileFormatError
+
+logger = logging.getLogger("scso_nlp")
+
+#: Times that AnalyzeTool takes where the file names none [s].
+DEFAULT_INITIAL_TIME, DEFAULT_FINAL_TIME = 0.0, 1.0
+#: Output digits where the file names none.
+DEFAULT_OUTPUT_PRECISION = 8
+#: Elements of documents older than OpenSim 3 and what they are called now.
+OLD_NAMES = {
+    "force_set_files": "actuator_set_files",
+    "replace_force_set": "replace_actuator_set",
+    "use_model_force_set": "use_model_actuator_set",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionInput:
+    """What OpenSim needs to know to turn a model and a motion into arrays.
+
+    Attributes
+    ----------
+    model : Path
+        The ``.osim`` file.
+    coordinates, states : Path or None
+        The motion: coordinates over time, or all states. Exactly one of them.
+    speeds : Path or None
+        Generalized speeds at the times of `coordinates`; without it the coordinates' spline gives them.
+    external_loads : Path or None
+        ``ExternalLoads`` XML file.
+    actuators : tuple of Path
+        Force set files that are added to the model.
+    replace_force_set : bool
+        Drop the model's own forces first.
+    initial_time, final_time : float or None [s]
+        Range to analyze; None is the whole motion. As in OpenSim no frame is interpolated: the range starts
+        and ends with the last frame at or before each time.
+    lowpass_cutoff_frequency : float or None [Hz]
+        Low-pass filter of the coordinates, as OpenSim's; None or a negative number is no filter.
+    step_interval : int
+        Take the frames whose index in the motion is a multiple of it, the first and the last.
+    name : str
+        Name of the analysis; result files start with it. Empty: the model file's name.
+    in_degrees : bool or None
+        Unit of the coordinates' angles, where the motion's header is wrong or missing. None: the header, or
+        what OpenSim assumes without it (logged).
+    held_coordinates : tuple of str
+        Coordinates that may stay at zero because the motion has no column for them.
+    stability_axes : tuple of (str, str)
+        Joint and axis letter, e.g. ``("knee_r", "z")``, for which virtual rotations are computed from
+        OpenSim's own paths (needed where a path wraps or moves).
+    """
+
+    model: Path
+    coordinates: Path | None = None
+    states: Path | None = None
+    speeds: Path | None = None
+    external_loads: Path | None = None
+    actuators: tuple[Path, ...] = ()
+    replace_force_set: bool = False
+    initial_time: float | None = None
+    final_time: float | None = None
+    lowpass_cutoff_frequency: float | None = None
+    step_interval: int = 1
+    name: str = ""
+    in_degrees: bool | None = None
+    held_coordinates: tuple[str, ...] = ()
+    stability_axes: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        for name in ("model", "coordinates", "states", "speeds", "external_loads"):
+            path = getattr(self, name)
+            set_field(self, name, None if path is None else _absolute(path))
+        if isinstance(self.actuators, (str, os.PathLike)):
+            set_field(self, "actuators", (self.actuators,))
+        set_field(self, "actuators", tuple(_absolute(path) for path in self.actuators))
+        if isinstance(self.held_coordinates, str):
+            set_field(self, "held_coordinates", (self.held_coordinates,))
+        set_field(self, "held_coordinates", tuple(self.held_coordinates))
+        axes = tuple((str(joint), str(axis)) for joint, axis in self.stability_axes)
+        wrong = [axis for _, axis in axes if axis not in ("x", "y", "z")]
+        if wrong:
+            raise DataError(f"stability_axes names the axis {wrong[0]!r}, expected x, y or z")
+        set_field(self, "stability_axes", axes)
+        if (self.coordinates is None) == (self.states is None):
+            found = "both" if self.states is not None else "neither"
+            raise DataError(f"the motion needs either coordinates or states, found {found}")
+        if isinstance(self.step_interval, bool) or int(self.step_interval) != self.step_interval:
+            raise DataError(f"step_interval is {self.step_interval}, expected a whole number")
+        if self.step_interval < 1:
+            raise DataError(f"step_interval is {self.step_interval}, expected 1 or more")
+        for name in ("initial_time", "final_time", "lowpass_cutoff_frequency"):
+            value = getattr(self, name)
+            if value is not None and math.isnan(value):
+                raise DataError(f"{name} is not a number")
+        if (
+            self.initial_time is not None
+            and self.final_time is not None
+            and self.initial_time > self.final_time
+        ):
+            raise DataError(
+                f"the time range is empty: initial_time {self.initial_time:g} s is after "
+                f"final_time {self.final_time:g} s"
+            )
+        if not self.name:
+            set_field(self, "name", self.model.stem)
+
+    @property
+    def motion(self) -> Path:
+        """The file that holds the motion."""
+        path = self.coordinates if self.states is None else self.states
+        assert path is not None
+        return path
+
+    def files(self) -> tuple[Path, ...]:
+        """Every input file but the data of the external loads, in a fixed order."""
+        optional = (self.coordinates, self.states, self.speeds, self.external_loads)
+        return (self.model, *(path for path in optional if path is not None), *self.actuators)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalyzeSetup:
+    """An AnalyzeTool setup file with a StaticOptimization analysis.
+
+    Attributes
+    ----------
+    motion : MotionInput
+        Model, motion, loads and time range.
+    name : str
+        Name of the tool; result files start with it.
+    analysis_name : str
+        Name of the analysis, second part of the result files' names.
+    results_directory : Path
+        Where OpenSim would write, absolute.
+    output_precision : int
+        Digits of OpenSim's result files.
+    activation_exponent : float
+    use_muscle_physiology : bool
+        Force-length-velocity in the muscle forces.
+    """
+
+    motion: MotionInput
+    name: str
+    analysis_name: str = "StaticOptimization"
+    results_directory: Path = Path("Results")
+    output_precision: int = DEFAULT_OUTPUT_PRECISION
+    activation_exponent: float = 2.0
+    use_muscle_physiology: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadSource:
+    """External loads file, checked.
+
+    Attributes
+    ----------
+    text : str
+        The XML with an absolute path of the data file, as OpenSim can read it on any system.
+    data : Path
+        The data file.
+    identifiers : tuple of (str, str)
+        Name of the load and start of the three column labels that it uses.
+    """
+
+    text: str
+    data: Path
+    identifiers: tuple[tuple[str, str], ...]
+
+
+def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
+    """Read an AnalyzeTool setup file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The XML file; its paths are relative to its folder, with either kind of slash.
+
+    Returns
+    -------
+    AnalyzeSetup
+
+    Raises
+    ------
+    FileFormatError
+        Not well-formed XML, not an AnalyzeTool setup, or a value that cannot be read.
+    DataError
+        A file that is missing, or a setting that cannot be honored (named).
+
+    Notes
+    -----
+    ``start_time`` and ``end_time`` of the analysis have no effect in OpenSim 4.6, so they have none here; a
+    range that is narrower than the tool's is logged. ``use_model_force_set`` false replaces muscles by one
+    actuator per coordinate, which is inverse dynamics: refused (OpenSim 4.6 itself crashes on it). What only
+    matters to forward integration or to OpenSim's own optimizer is left out.
+    """
+    path = Path(path)
+    root = read_xml(path)
+    tool = root if root.tag == "AnalyzeTool" else root.find("AnalyzeTool")
+    if tool is None:
+        inside = ", ".join(child.tag for child in root) if root.tag == "OpenSimDocument" else root.tag
+        raise FileFormatError(f"{path} holds {inside or 'nothing'}, expected an AnalyzeTool setup")
+    reader = _Reader(path, tool)
+    analysis = _Reader(path, _static_optimization(path, tool))
+    if not analysis.flag("use_model_force_set", True):
+        raise DataError(
+            f"{path}: use_model_force_set is false, which replaces the muscles by one actuator per "
+            "coordinate; set it to true, or use OpenSim's InverseDynamicsTool"
+        )
+    name = tool.get("name", "").strip() or "AnalyzeTool"
+    initial = reader.number("initial_time", DEFAULT_INITIAL_TIME)
+    final = reader.number("final_time", DEFAULT_FINAL_TIME)
+    start, end = analysis.number("start_time", -math.inf), analysis.number("end_time", math.inf)
+    if start > initial or end < final:
+        logger.warning(
+            "%s: start_time %g and end_time %g of the analysis are ignored, as OpenSim does: "
+            "the tool's range from %g to %g s counts",
+            path,
+            start,
+            end,
+            initial,
+            final,
+        )
+    if reader.flag("solve_for_equilibrium_for_auxiliary_states", False):
+        logger.debug("%s: muscle equilibrium has no influence on static optimization", path)
+    model = reader.file("model_file")
+    if model is None:
+        raise DataError(f"{path}: model_file is empty, expected the path of an .osim file")
+    coordinates, states, speeds = (
+        reader.file(f"{kind}_file") for kind in ("coordinates", "states", "speeds")
+    )
+    if coordinates is None and states is None:
+        raise DataError(f"{path}: neither coordinates_file nor states_file is given, expected one of them")
+    if states is not None and (coordinates is not None or speeds is not None):
+        logger.warning("%s: states_file is given, the other motion files are ignored, as OpenSim does", path)
+        coordinates = speeds = None
+    cutoff = reader.number("lowpass_cutoff_frequency_for_coordinates", -1.0)
+    motion = MotionInput(
+        model=model,
+        coordinates=coordinates,
+        states=states,
+        speeds=speeds,
+        external_loads=reader.file("external_loads_file"),
+        actuators=reader.files("force_set_files"),
+        replace_force_set=reader.flag("replace_force_set", False),
+        initial_time=initial,
+        final_time=final,
+        lowpass_cutoff_frequency=None if cutoff < 0 else cutoff,
+        step_interval=reader.whole_number("step_interval", 1, of=analysis),
+        name=name,
+    )
+    results = reader.text("results_directory")
+    return AnalyzeSetup(
+        motion=motion,
+        name=name,
+        analysis_name=analysis.element.get("name", "").strip() or "StaticOptimization",
+        results_directory=reader.path(results or "."),
+        output_precision=reader.whole_number("output_precision", DEFAULT_OUTPUT_PRECISION),
+        activation_exponent=analysis.number("activation_exponent", 2.0),
+        use_muscle_physiology=analysis.flag("use_muscle_physiology", True),
+    )
+
+
+def read_external_loads(path: Path, near: Path | None = None) -> LoadSource:
+    """Read an ExternalLoads file and find its data file.
+
+    Parameters
+    ----------
+    path : Path
+        The XML file; the data file is relative to its folder, or else to `near`.
+    near : Path or None
+        Another folder to look in.
+
+    Returns
+    -------
+    LoadSource
+
+    Raises
+    ------
+    FileFormatError
+        Not an ExternalLoads file.
+    DataError
+        No data file, or a load without identifiers.
+    """
+    root = read_xml(path)
+    loads = root if root.tag == "ExternalLoads" else root.find("ExternalLoads")
+    if loads is None:
+        raise FileFormatError(f"{path} holds {root.tag}, expected ExternalLoads")
+    reader = _Reader(path, loads)
+    element = loads.find("datafile")
+    text = reader.text("datafile")
+    if element is None or not text:
+        raise DataError(f"{path}: datafile is empty, expected the path of a .mot or .sto file")
+    data = reader.path(text)
+    if not data.exists() and near is not None:
+        data = _below(near, text) if _below(near, text).exists() else data
+    if not data.is_file():
+        raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
+    element.text = str(data)
+    identifiers = []
+    objects = loads.find("objects")
+    for load in list(objects) if objects is not None else []:
+        if load.tag != "ExternalForce":
+            raise DataError(
+                f"{path}: {load.get('name')!r} is a {load.tag}, which OpenSim 4 does not read here; expected "
+                "ExternalForce"
+            )
+        own = _Reader(path, load)
+        if not own.flag("appliesForce", True) or own.flag("isDisabled", False):
+            continue
+        for kind in ("force_identifier", "point_identifier", "torque_identifier"):
+            identifier = own.text(kind)
+            if identifier:
+                identifiers.append((load.get("name", ""), identifier))
+    return LoadSource(
+        text=ElementTree.tostring(root, encoding="unicode"), data=data, identifiers=tuple(identifiers)
+    )
+
+
+def read_xml(path: Path) -> Element:
+    """Parse an XML file without expanding entities.
+
+    Raises
+    ------
+    DataError
+        No such file.
+    FileFormatError
+        Not well-formed, or it declares entities.
+    """
+    if not path.is_file():
+        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    try:
+        return ElementTree.parse(path).getroot()
+    except DefusedXmlException:
+        raise FileFormatError(f"{path} declares XML entities, which are not accepted") from None
+    except (ParseError, UnicodeDecodeError, ValueError) as error:
+        raise FileFormatError(f"{path} is not well-formed XML: {error}") from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def _static_optimization(path: Path, tool: Element) -> Element:
+    objects = tool.find("AnalysisSet/objects")
+    analyses = list(objects) if objects is not None else []
+    ours = [analysis for analysis in analyses if analysis.tag == "StaticOptimization"]
+    active = [analysis for analysis in ours if _Reader(path, analysis).flag("on", True)]
+    if len(active) > 1:
+        raise DataError(f"{path}: {len(active)} StaticOptimization analyses are on, expected one")
+    if not active:
+        found = ", ".join(analysis.tag for analysis in analyses) or "no analysis"
+        state = "StaticOptimization is switched off" if ours else f"found {found}"
+        raise DataError(f"{path}: {state}, expected a StaticOptimization analysis that is on")
+    others = [
+        analysis.tag
+        for analysis in analyses
+        if analysis.tag != "StaticOptimization" and _Reader(path, analysis).flag("on", True)
+    ]
+    if others:
+        logger.info("%s: other analyses are left out: %s", path, ", ".join(others))
+    return active[0]
+
+
+class _Reader:
+    """Values of one element's children, with OpenSim's defaults and messages that name the file."""
+
+    def __init__(self, source: Path, element: Element) -> None:
+        self.source, self.element = source, element
+
+    def text(self, name: str) -> str:
+        child = self.element.find(name)
+        if child is None and name in OLD_NAMES:
+            child = self.element.find(OLD_NAMES[name])
+        return "" if child is None or child.text is None else child.text.strip()
+
+    def path(self, text: str) -> Path:
+        return _below(self.source.absolute().parent, text)
+
+    def file(self, name: str) -> Path | None:
+        text = self.text(name)
+        # OpenSim's own word for "none"
+        if not text or text.lower() == "unassigned":
+            return None
+        return self._existing(name, text)
+
+    def files(self, name: str) -> tuple[Path, ...]:
+        text = self.text(name)
+        if not text or text.lower() == "unassigned":
+            return ()
+        if self.path(text).is_file():
+            return (self.path(text),)
+        return tuple(self._existing(name, part) for part in self._parts(text))
+
+    def _parts(self, text: str) -> Iterable[str]:
+        return re.split(r"\s+", text)
+
+    def _existing(self, name: str, text: str) -> Path:
+        path = self.path(text)
+        if not path.is_file():
+            raise DataError(f"{self.source}: {name} {text!r} does not exist (looked for {path})")
+        return path
+
+    def flag(self, name: str, default: bool) -> bool:
+        text = self.text(name).lower()
+        if not text:
+            return default
+        if text in ("true", "1"):
+            return True
+        if text in ("false", "0"):
+            return False
+        raise FileFormatError(f"{self.source}: {name} is {text!r}, expected true or false")
+
+    def number(self, name: str, default: float) -> float:
+        text = self.text(name)
+        if not text:
+            return default
+        try:
+            value = float(text)
+        except ValueError:
+            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number") from None
+        if math.isnan(value):
+            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number")
+        return value
+
+    def whole_number(self, name: str, default: int, of: _Reader | None = None) -> int:
+        value = (of or self).number(name, default)
+        if not math.isfinite(value) or value != int(value):
+            raise FileFormatError(f"{self.source}: {name} is {value:g}, expected a whole number")
+        return int(value)
+
+
+def _below(folder: Path, text: str) -> Path:
+    """Join a path as written in a setup file, with slashes of either kind, to a folder."""
+    plain = text if os.name == "nt" else text.replace("\\", "/")
+    return Path(os.path.normpath(folder / plain))
+
+
+def _absolute(path: str | os.PathLike[str]) -> Path:
+    return Path(os.path.abspath(os.path.expanduser(path)))
+
+
+def with_changes(motion: MotionInput, changes: dict[str, object]) -> MotionInput:
+    """Replace fields of a motion input; a new kind of motion file replaces the other.
+
+    Raises
+    ------
+    DataError
+        A name that is not a field.
+    """
+    known = set(MotionInput.__dataclass_fields__)
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        raise DataError(f"unknown setting {', '.join(unknown)}, expected one of {', '.join(sorted(known))}")
+    if changes.get("coordinates") is not None and "states" not in changes:
+        changes = {**changes, "states": None}
+    if changes.get("states") is not None and "coordinates" not in changes:
+        changes = {**changes, "coordinates": None, "speeds": changes.get("speeds")}
+    return replace(motion, **changes)  # type: ignore[arg-type]

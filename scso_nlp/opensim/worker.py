@@ -1,0 +1,1078 @@
+"""One OpenSim process: model and motion in, arrays out.
+
+Run as a script by :mod:`scso_nlp.opensim.engine`, never imported: the one file that imports ``opensim``,
+and it needs nothing else but NumPy. It reads a job (JSON), works through its share of the frames, writes the
+arrays to an ``.npz`` file and tells its parent how far it is, one JSON object per line on standard output.
+OpenSim's own messages go to a log file beside the job.
+
+The recipe: no finite differences, no analysis tools. Moment arms come from each path's equivalent body
+forces through the transposed system Jacobian, net generalized forces from OpenSim's inverse dynamics, both
+reduced to the free coordinates with du/du_free from the constraint matrix.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import sys
+import time as clock
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Largest constraint error of a pose that needs no assembling [m] or [rad]. OpenSim's own accuracy is 1e-10.
+POSE_TOLERANCE = 1e-9
+#: A mobility whose elimination leaves more than this of a constraint row was a wrong choice [-].
+ELIMINATION_TOLERANCE = 1e-6
+#: Smallest pivot, relative to the largest, that counts as an independent constraint [-].
+RANK_TOLERANCE = 1e-8
+#: Coordinates without a column may rest at zero if they move no more than this share of the total mass [-].
+LIGHT_SEGMENT = 0.01
+#: Speeds belong to a row of coordinates if their times differ by no more than this [s].
+SAME_TIME = 1e-6
+#: Half step of the virtual rotations about joint axes [rad]: rounding and truncation errors meet near it.
+VIRTUAL_STEP = 1e-4
+#: Seconds between two progress messages.
+PROGRESS_INTERVAL = 0.1
+
+#: Scalar properties of a muscle that shape its curves, for whichever class has them.
+CURVE_PROPERTIES = (
+    "FmaxTendonStrain",
+    "FmaxMuscleStrain",
+    "KshapeActive",
+    "KshapePassive",
+    "Af",
+    "Flen",
+    "fv_linear_extrap_threshold",
+    "fiber_damping",
+    "active_force_width_scale",
+    "passive_fiber_strain_at_one_norm_force",
+    "tendon_strain_at_one_norm_force",
+    "ignore_tendon_compliance",
+    "maximum_pennation_angle",
+    "default_activation",
+    "minimum_activation",
+)
+#: Curve objects of a Millard muscle: prefix of the keys and the method that returns the curve.
+CURVE_OBJECTS = {
+    "active_force_length_curve": "getActiveForceLengthCurve",
+    "force_velocity_curve": "getForceVelocityCurve",
+    "fiber_force_length_curve": "getFiberForceLengthCurve",
+    "tendon_force_length_curve": "getTendonForceLengthCurve",
+}
+#: Values that OpenSim chooses itself where the optional property is empty.
+CURVE_VALUES_IN_USE = {
+    "stiffness_at_low_force": "getStiffnessAtLowForceInUse",
+    "stiffness_at_one_norm_force": "getStiffnessAtOneNormForceInUse",
+    "norm_force_at_toe_end": "getNormForceAtToeEndInUse",
+    "curviness": "getCurvinessInUse",
+}
+
+Array = NDArray[np.float64]
+
+
+class Refusal(Exception):
+    """Input that cannot be used; `kind` is the exception the parent raises."""
+
+    def __init__(self, message: str, kind: str = "DataError") -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+# ----------------------------------------------------------------------------------------------- process
+
+
+def main() -> int:
+    """Do the job named on the command line."""
+    with open(sys.argv[1], encoding="utf-8") as file:
+        job: dict[str, Any] = json.load(file)
+    parent = _talk_to_parent_only(job["log"])
+    try:
+        arrays = extract(job, parent)
+        with open(job["output"], "wb") as target:
+            np.savez(target, **arrays)
+        _tell(parent, done=True)
+    except Refusal as refusal:
+        _tell(parent, error=refusal.kind, message=str(refusal))
+        return 2
+    except RuntimeError as error:
+        _tell(parent, error="EngineError", message=_plain(str(error), job))
+        return 3
+    finally:
+        sys.stdout.flush()
+        parent.flush()
+    return 0
+
+
+def _talk_to_parent_only(log: str) -> TextIO:
+    """Keep the pipe to the parent for messages; whatever else is printed goes to the log file."""
+    parent = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    sys.stdout.flush()
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    for standard in (1, 2):
+        os.dup2(descriptor, standard)
+    os.close(descriptor)
+    return parent
+
+
+def _tell(parent: TextIO, **message: object) -> None:
+    parent.write(json.dumps(message) + "\n")
+    parent.flush()
+
+
+def _plain(message: str, job: dict[str, Any]) -> str:
+    """Turn an exception text of OpenSim into one sentence."""
+    text = re.sub(r"^std::exception in '.*?': ", "", message.strip(), flags=re.DOTALL)
+    text = re.sub(r"\s*Thrown at [^\n]*", "", text)
+    text = re.sub(r"\(details: (.*?)\)\.?", r"(\1)", text, flags=re.DOTALL)
+    text = re.sub(r"\.?\s*\n\s*In (Component|Object) ", r", in \1 ", text)
+    text = " ".join(text.split()).rstrip(".")
+    text = re.sub(r"\.\)", ")", text)
+    text = re.sub(r"\.\s*\(", " (", text)
+    name = os.path.basename(job["motion"]["model"])
+    return f"OpenSim refused {name}: {text or 'no reason given'}"
+
+
+def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
+    """Compute every array of the job's share of the frames.
+
+    Parameters
+    ----------
+    job : dict
+        ``motion`` (the fields of `MotionInput`), ``data`` (an ``.npz`` of the motion files as read by the
+        parent), ``part`` and ``parts`` (this worker's share), ``output``, ``log``.
+    parent : file
+        Where to write progress.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Arrays by field name; ``header`` holds names and constants as JSON.
+    """
+    started = clock.perf_counter()
+    with contextlib.redirect_stdout(sys.stderr):
+        import opensim
+
+    opensim.Logger.setLevelString("Info")
+    engine = Engine(opensim, job["motion"])
+    motion = Motion(engine, job)
+    rows = np.array_split(motion.rows, job["parts"])[job["part"]]
+    engine.choose_free_coordinates(motion, int(motion.rows[0]))
+    virtual = VirtualRotations(engine, job) if job["motion"]["stability_axes"] else None
+    startup = clock.perf_counter() - started
+    _tell(parent, total=len(motion.rows), share=len(rows), startup=startup)
+
+    began = clock.perf_counter()
+    told = began
+    frames: list[dict[str, Array]] = []
+    for count, row in enumerate(rows, start=1):
+        frame = engine.frame(motion, int(row))
+        if virtual is not None:
+            frame.update(virtual.frame(motion, int(row), frame))
+        frames.append(frame)
+        if clock.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
+            told = clock.perf_counter()
+            _tell(parent, frames=count)
+    if not frames:
+        return {}
+    n_points = max(frame["path_point_bodies"].shape[1] for frame in frames)
+    for frame in frames:
+        _pad_points(frame, n_points)
+    arrays: dict[str, Any] = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
+    header = engine.header() | {
+        "notes": motion.notes + engine.notes,
+        "virtual_rows": virtual.names if virtual is not None else [],
+        "seconds": {"startup": startup, "frames": clock.perf_counter() - began},
+        "peak_memory": _peak_memory(),
+        "opensim_version": opensim.GetVersion(),
+    }
+    arrays["header"] = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
+    return arrays
+
+
+def _pad_points(frame: dict[str, Array], n_points: int) -> None:
+    for name, fill in (("path_points", 0.0), ("path_point_bodies", -1), ("path_point_moves", False)):
+        array = frame[name]
+        padded = np.full((array.shape[0], n_points, *array.shape[2:]), fill, dtype=array.dtype)
+        padded[:, : array.shape[1]] = array
+        frame[name] = padded
+
+
+def _peak_memory() -> int:
+    """Return the largest resident memory so far [bytes], 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+# ------------------------------------------------------------------------------------------------ motion
+
+
+class Motion:
+    """Coordinates, speeds and accelerations of every row, prepared as OpenSim's AnalyzeTool does.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n_rows,) [s]
+    values, speeds : ndarray, shape (n_rows, n_u) [rad or m], [rad/s or m/s]
+        In tree order; rows include the padding of the low-pass filter.
+    accelerations : ndarray, shape (n_rows, n_u)
+        Derivative of the quintic spline through the speeds; filled for `rows` only.
+    rows : ndarray of int
+        The rows to analyze.
+    """
+
+    def __init__(self, engine: Engine, job: dict[str, Any]) -> None:
+        osim, given = engine.osim, job["motion"]
+        self.notes: list[list[str]] = []
+        source = given["states"] or given["coordinates"]
+        data = np.load(job["data"], allow_pickle=False)
+        labels = json.loads(bytes(data["labels"]).decode("utf-8"))
+        unusable: dict[str, str] = json.loads(bytes(data["unusable"]).decode("utf-8"))
+        storage = _storage(osim, labels, data["time"], data["values"])
+        cutoff = given["lowpass_cutoff_frequency"]
+        if given["states"] is None and cutoff is not None and cutoff >= 0:
+            storage.pad(storage.getSize() // 2)
+            storage.lowpassIIR(cutoff)
+        columns = self._columns(engine, storage, labels, unusable, given, source)
+        self.time = _time(osim, storage)
+        self.values = np.zeros((len(self.time), engine.n_u))
+        for k, column in enumerate(columns):
+            if column >= 0:
+                self.values[:, k] = _column(osim, storage, column)
+        if given["in_degrees"]:
+            self.values[:, engine.scales_with_degrees] *= np.pi / 180.0
+        self.speeds = self._speeds(engine, storage, labels, data, given)
+        self.rows = _selected_rows(self.time, given)
+        splines = _splines(osim, engine.coordinate_names, self.time, self.speeds)
+        self.accelerations = np.full_like(self.speeds, np.nan)
+        for row in self.rows:
+            t = float(self.time[row])
+            self.accelerations[row] = [splines.evaluate(k, 1, t) for k in range(engine.n_u)]
+
+    def _columns(
+        self,
+        engine: Engine,
+        storage: Any,
+        labels: list[str],
+        unusable: dict[str, str],
+        given: dict[str, Any],
+        source: str,
+    ) -> list[int]:
+        columns = []
+        missing: list[str] = []
+        for k, coordinate in enumerate(engine.coordinates):
+            column = int(storage.getStateIndex(coordinate.getName()))
+            if column < 0:
+                column = int(storage.getStateIndex(coordinate.getAbsolutePathString() + "/value"))
+            if column >= 0 and labels[column] in unusable:
+                raise Refusal(
+                    f"{source}: column {labels[column]!r} is {unusable[labels[column]]}, expected a finite "
+                    f"number (coordinate {coordinate.getName()!r})"
+                )
+            columns.append(column)
+            if column >= 0 or engine.is_set_by_model[k]:
+                continue
+            missing.append(coordinate.getName())
+        held = set(given["held_coordinates"])
+        refused = []
+        for name in missing:
+            share = engine.moved_mass(name)
+            if name in held:
+                self.notes.append(["INFO", f"{source} has no column for {name!r}: held at zero as asked"])
+            elif share <= LIGHT_SEGMENT:
+                self.notes.append(
+                    [
+                        "WARNING",
+                        f"{source} has no column for the coordinate {name!r}: held at zero, as OpenSim does "
+                        f"(it moves {100 * share:.2g} % of the model's mass)",
+                    ]
+                )
+            else:
+                refused.append(name)
+        if refused:
+            raise Refusal(
+                f"{source} has no column for the coordinate{'s' if len(refused) > 1 else ''} "
+                f"{', '.join(refused)} of {os.path.basename(given['model'])} (OpenSim would hold "
+                f"{'them' if len(refused) > 1 else 'it'} at zero; name {'them' if len(refused) > 1 else 'it'} "
+                "in held_coordinates if that is meant)",
+                "NameMismatchError",
+            )
+        return columns
+
+    def _speeds(
+        self, engine: Engine, storage: Any, labels: list[str], data: Any, given: dict[str, Any]
+    ) -> Array:
+        osim = engine.osim
+        if given["states"] is not None:
+            speeds = np.zeros_like(self.values)
+            for k, coordinate in enumerate(engine.coordinates):
+                column = int(storage.getStateIndex(coordinate.getAbsolutePathString() + "/speed"))
+                if column < 0:
+                    column = int(storage.getStateIndex(coordinate.getName() + "_u"))
+                if column >= 0:
+                    speeds[:, k] = _column(osim, storage, column)
+                elif not engine.is_set_by_model[k]:
+                    raise Refusal(
+                        f"{given['states']} has no column for the speed of {coordinate.getName()!r}, "
+                        f"expected {coordinate.getAbsolutePathString()}/speed",
+                        "NameMismatchError",
+                    )
+            return speeds
+        splines = _splines(osim, engine.coordinate_names, self.time, self.values)
+        derivative = splines.constructStorage(1)
+        speeds = np.stack([_column(osim, derivative, k) for k in range(engine.n_u)], axis=1)
+        if given["speeds"] is None:
+            return speeds
+        given_labels = json.loads(bytes(data["speed_labels"]).decode("utf-8"))
+        given_time = data["speed_time"]
+        nearest = np.abs(given_time[None, :] - self.time[:, None]).argmin(axis=1)
+        apart = np.abs(given_time[nearest] - self.time)
+        wanted = _selected_rows(self.time, given)
+        if (apart[wanted] > SAME_TIME).any():
+            row = wanted[int(apart[wanted].argmax())]
+            raise Refusal(
+                f"{given['speeds']} has no row at t = {self.time[row]:.9g} s, expected the times of the "
+                "coordinates"
+            )
+        table = _storage(osim, given_labels, given_time, data["speed_values"])
+        for k, coordinate in enumerate(engine.coordinates):
+            name = coordinate.getName()
+            path = coordinate.getAbsolutePathString()
+            found = [int(table.getStateIndex(label)) for label in (path + "/speed", name + "_u", name)]
+            column = next((column for column in found if column >= 0), -1)
+            if column >= 0:
+                speeds[:, k] = data["speed_values"][nearest, column]
+            elif not engine.is_set_by_model[k]:
+                raise Refusal(f"{given['speeds']} has no column for {name!r}", "NameMismatchError")
+        return speeds
+
+
+def _selected_rows(time: Array, given: dict[str, Any]) -> NDArray[np.int64]:
+    """Choose rows as AnalyzeTool does: the last row at or before each end, no interpolation."""
+    initial, final = given["initial_time"], given["final_time"]
+    first = 0 if initial is None else max(int(np.searchsorted(time, initial, side="right")) - 1, 0)
+    last = len(time) - 1 if final is None else max(int(np.searchsorted(time, final, side="right")) - 1, 0)
+    step = given["step_interval"]
+    rows = [row for row in range(first, last + 1) if row in (first, last) or row % step == 0]
+    return np.array(rows, dtype=np.int64)
+
+
+def _storage(osim: Any, labels: list[str], time: Array, values: Array) -> Any:
+    storage = osim.Storage()
+    names = osim.ArrayStr()
+    for label in ("time", *labels):
+        names.append(label)
+    storage.setColumnLabels(names)
+    for t, row in zip(time.tolist(), np.ascontiguousarray(values), strict=True):
+        storage.append(t, osim.Vector.createFromMat(row))
+    return storage
+
+
+def _splines(osim: Any, names: list[str], time: Array, values: Array) -> Any:
+    return osim.GCVSplineSet(5, _storage(osim, names, time, values))
+
+
+def _column(osim: Any, storage: Any, index: int) -> Array:
+    column = osim.ArrayDouble()
+    storage.getDataColumn(index, column)
+    return np.array(column.getAsVector().to_numpy())
+
+
+def _time(osim: Any, storage: Any) -> Array:
+    column = osim.ArrayDouble()
+    storage.getTimeColumn(column)
+    return np.array(column.getAsVector().to_numpy())
+
+
+# ------------------------------------------------------------------------------------------------- model
+
+
+class Engine:
+    """The model, its state, and everything that is computed from one pose."""
+
+    def __init__(self, osim: Any, given: dict[str, Any]) -> None:
+        self.osim = osim
+        self.notes: list[list[str]] = []
+        self.model, self._tool = _load_model(osim, given)
+        self.state = self.model.initSystem()
+        self.model.setAllControllersEnabled(False)
+        self.model.realizeVelocity(self.state)
+        self.matter = self.model.getMatterSubsystem()
+        self.n_u = int(self.state.getNU())
+        self._find_coordinates()
+        self._find_forces()
+        self._without_passives = self._state_without_passives()
+        self.model.realizeVelocity(self.state)
+        self._find_bodies()
+        self._find_joints()
+        self._find_paths()
+        self.dependent = np.zeros(self.n_u, dtype=bool)
+        self.free = np.arange(self.n_u)
+        self._solver = osim.InverseDynamicsSolver(self.model)
+        self._matrix, self._vector = osim.Matrix(), osim.Vector()
+        n_bodies = self._system_jacobian().shape[0] // 6
+        self._no_body_forces = osim.VectorOfSpatialVec(n_bodies, osim.SpatialVec(osim.Vec3(0), osim.Vec3(0)))
+        self._no_mobility_forces = osim.Vector(self.n_u, 0.0)
+
+    # -- inventory
+
+    def _find_coordinates(self) -> None:
+        osim = self.osim
+        by_path = {}
+        coordinates = self.model.getCoordinateSet()
+        for i in range(coordinates.getSize()):
+            by_path[coordinates.get(i).getAbsolutePathString()] = coordinates.get(i)
+        names = osim.createStateVariableNamesInSystemOrder(self.model)
+        self.coordinates = [by_path[name.removesuffix("/value")] for name in names if name.endswith("/value")]
+        if len(self.coordinates) != self.n_u:
+            raise Refusal(
+                f"the model has {self.n_u} mobilities but {len(self.coordinates)} coordinates, expected as many",
+                "EngineError",
+            )
+        self.coordinate_names = [coordinate.getName() for coordinate in self.coordinates]
+        rotational = [int(coordinate.getMotionType()) for coordinate in self.coordinates]
+        self.scales_with_degrees = np.array([kind == 1 for kind in rotational])
+        self.is_rotational = np.array([kind != 2 for kind in rotational])
+        state = self.state
+        self.is_locked = np.array([coordinate.getLocked(state) for coordinate in self.coordinates])
+        self.is_prescribed = np.array([coordinate.isPrescribed(state) for coordinate in self.coordinates])
+        self.is_set_by_model = np.array([coordinate.isConstrained(state) for coordinate in self.coordinates])
+        self._couplers = []
+        constraints = self.model.getConstraintSet()
+        for i in range(constraints.getSize()):
+            coupler = osim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
+            if coupler is None or not coupler.isEnforced(state):
+                continue
+            independent = coupler.getIndependentCoordinateNames()
+            where = [self.coordinate_names.index(independent.get(j)) for j in range(independent.getSize())]
+            target = self.coordinate_names.index(coupler.getDependentCoordinateName())
+            scale = osim.PropertyHelper.getValueDouble(coupler.getPropertyByName("scale_factor"))
+            self._couplers.append((target, where, coupler.getFunction(), scale))
+        self.is_constrained = len(state.getUErr().to_numpy()) > 0
+
+    def _find_forces(self) -> None:
+        osim = self.osim
+        self.muscles: list[Any] = []
+        self.actuators: list[Any] = []
+        self.loads: list[Any] = []
+        self.passives: list[Any] = []
+        self._recorded: list[Any] = []
+        self.force_columns: list[str] = []
+        self.other_labels: list[str] = []
+        not_scalar, dropped = [], []
+        for force in _forces(osim, self.model):
+            active = bool(force.appliesForce(self.state))
+            muscle = osim.Muscle.safeDownCast(force)
+            scalar = osim.ScalarActuator.safeDownCast(force)
+            actuator = osim.Actuator.safeDownCast(force)
+            load = osim.ExternalForce.safeDownCast(force)
+            if actuator is not None:
+                if scalar is not None and muscle is None:
+                    scalar.overrideActuation(self.state, True)
+                    scalar.setOverrideActuation(self.state, 0.0)
+                else:
+                    force.setAppliesForce(self.state, False)
+                if not active:
+                    dropped.append(force.getName())
+                elif scalar is None:
+                    not_scalar.append(f"{force.getName()} ({force.getConcreteClassName()})")
+                elif muscle is not None:
+                    self.muscles.append(muscle)
+                else:
+                    self.actuators.append(scalar)
+                if active:
+                    self.force_columns.append(force.getName())
+                continue
+            if not active:
+                continue
+            if load is not None:
+                self.loads.append(load)
+            else:
+                self.passives.append(force)
+            labels = force.getRecordLabels()
+            self._recorded.append((force, labels.getSize()))
+            self.other_labels += [labels.get(i) for i in range(labels.getSize())]
+            self.force_columns += [labels.get(i) for i in range(labels.getSize())]
+        if not_scalar:
+            raise Refusal(
+                f"the actuator {not_scalar[0]} is not a scalar actuator, which OpenSim's static optimization "
+                "refuses too"
+            )
+        if dropped:
+            self.notes.append(["INFO", f"switched off in the model and left out: {', '.join(dropped)}"])
+        if not self.muscles:
+            raise Refusal("the model has no muscle that applies force, expected at least one")
+        self.muscle_names = [muscle.getName() for muscle in self.muscles]
+        self.actuator_names = [actuator.getName() for actuator in self.actuators]
+        self._constant_columns: dict[int, tuple[int, float]] = {}
+        for j, actuator in enumerate(self.actuators):
+            plain = osim.CoordinateActuator.safeDownCast(actuator)
+            if plain is not None and plain.getConcreteClassName() == "CoordinateActuator":
+                coordinate = plain.getCoordinate().getName()
+                self._constant_columns[j] = (
+                    self.coordinate_names.index(coordinate),
+                    float(plain.getOptimalForce()),
+                )
+
+    def _state_without_passives(self) -> Any:
+        if not self.passives:
+            return None
+        state = self.osim.State(self.state)
+        for force in self.passives:
+            force.setAppliesForce(state, False)
+        return state
+
+    def _find_bodies(self) -> None:
+        bodies = self.model.getBodySet()
+        self.bodies = [bodies.get(i) for i in range(bodies.getSize())]
+        self._body_index = {"/ground": 0}
+        for b, body in enumerate(self.bodies, start=1):
+            self._body_index[body.getAbsolutePathString()] = b
+        self.body_names = ["ground", *(body.getName() for body in self.bodies)]
+        self.body_masses = np.array([0.0, *(float(body.getMass()) for body in self.bodies)])
+        centers = [body.getMassCenter().to_numpy() for body in self.bodies]
+        self._mass_centers = np.array([np.zeros(3), *centers])
+        self.body_parents = np.full(len(self.body_names), -1, dtype=np.int64)
+        vec3 = self.osim.Vec3
+        self._frame_points = (vec3(0), vec3(1, 0, 0), vec3(0, 1, 0), vec3(0, 0, 1))
+
+    def _find_joints(self) -> None:
+        osim = self.osim
+        joints = self.model.getJointSet()
+        self.joints: list[Any] = []
+        self.joint_children: list[int] = []
+        self._joint_transforms: list[Any] = []
+        for i in range(joints.getSize()):
+            joint = joints.get(i)
+            parent, child = self.base_body(joint.getParentFrame()), self.base_body(joint.getChildFrame())
+            self.body_parents[child] = parent
+            if joint.numCoordinates() == 0:
+                continue
+            self.joints.append(joint)
+            self.joint_children.append(child)
+            custom = osim.CustomJoint.safeDownCast(joint)
+            self._joint_transforms.append(None if custom is None else self._rotation_axes(custom))
+        self.joint_names = [joint.getName() for joint in self.joints]
+
+    def _rotation_axes(self, joint: Any) -> tuple[list[Any], Array, tuple[int, ...], Array]:
+        """Return the rotational transform axes, their directions, and which letter each one gets."""
+        transform = joint.getSpatialTransform()
+        functions = [transform.getTransformAxis(i) for i in range(3)]
+        axes = np.array([_unit(function.getAxis().to_numpy()) for function in functions])
+        orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
+        nearest = max(orders, key=lambda order: sum(abs(axes[order[u], u]) for u in range(3)))
+        signs = np.array([-1.0 if axes[nearest[u], u] < 0 else 1.0 for u in range(3)])
+        return functions, axes, nearest, signs
+
+    def _find_paths(self) -> None:
+        """Sort paths into those of points fixed to bodies and those whose points change."""
+        osim = self.osim
+        self._paths = [muscle.getPath() for muscle in self.muscles]
+        self._geometry = [osim.GeometryPath.safeDownCast(path) for path in self._paths]
+        self._fixed_points: list[tuple[NDArray[np.int64], Array] | None] = []
+        self.moves: list[bool] = []
+        for geometry in self._geometry:
+            if geometry is None:
+                self._fixed_points.append((np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+                self.moves.append(True)
+                continue
+            points = geometry.getPathPointSet()
+            kinds = [points.get(i).getConcreteClassName() for i in range(points.getSize())]
+            wraps = geometry.getWrapSet().getSize() > 0
+            self.moves.append(wraps or any(kind != "PathPoint" for kind in kinds))
+            if self.moves[-1]:
+                self._fixed_points.append(None)
+                continue
+            ends, locations = [], []
+            for i in range(points.getSize()):
+                body, location = self._point_in_body(points.get(i))
+                ends.append(body)
+                locations.append(location)
+            self._fixed_points.append((np.array(ends, dtype=np.int64), np.array(locations)))
+
+    def _point_in_body(self, point: Any) -> tuple[int, Array]:
+        frame = point.getParentFrame()
+        base = frame.findBaseFrame()
+        location = point.getLocation(self.state)
+        if frame.getAbsolutePathString() != base.getAbsolutePathString():
+            location = frame.findStationLocationInAnotherFrame(self.state, location, base)
+        return self.base_body(frame), np.array(location.to_numpy())
+
+    def base_body(self, frame: Any) -> int:
+        """Index of the body that a frame is welded to."""
+        return self._body_index[frame.findBaseFrame().getAbsolutePathString()]
+
+    def moved_mass(self, coordinate: str) -> float:
+        """Share of the total mass on the distal side of a coordinate's joint; 1 if a load acts there."""
+        joint = self.coordinates[self.coordinate_names.index(coordinate)].getJoint()
+        child = self.base_body(joint.getChildFrame())
+        distal = {child}
+        for _ in self.body_names:
+            distal |= {b for b, parent in enumerate(self.body_parents) if parent in distal}
+        if any(self._load_body(load) in distal for load in self.loads):
+            return 1.0
+        return float(self.body_masses[sorted(distal)].sum() / max(self.body_masses.sum(), 1e-300))
+
+    def _load_body(self, load: Any) -> int:
+        frame = self.osim.PhysicalFrame.safeDownCast(self._physical_frame(load.getAppliedToBodyName()))
+        return self.base_body(frame)
+
+    def _physical_frame(self, name: str) -> Any:
+        if name in ("ground", "/ground"):
+            return self.model.getGround()
+        path = name if name.startswith("/") else f"/bodyset/{name}"
+        return self.model.getComponent(path)
+
+    # -- reduction
+
+    def choose_free_coordinates(self, motion: Motion, row: int) -> None:
+        """Choose once which coordinates are eliminated, the same in every worker and frame.
+
+        Locked, prescribed and coupled coordinates first; closed loops (point constraints) then give up one
+        coordinate per remaining independent constraint, the one that the constraints determine best.
+        """
+        self.pose(motion, row)
+        if not self.is_constrained:
+            return
+        constraints = self._constraint_matrix()
+        dependent = self.is_set_by_model.copy()
+        scale = np.abs(constraints).max(initial=0.0)
+        rest = constraints.copy()
+        # clear what the coordinates set by the model account for, by orthogonal projection of the rows
+        basis, values, _ = np.linalg.svd(constraints[:, dependent], full_matrices=True)
+        rank = int((values > RANK_TOLERANCE * max(scale, 1e-300)).sum())
+        rest = basis[:, rank:].T @ constraints
+        rest[:, dependent] = 0.0
+        while rest.size and np.abs(rest).max() > RANK_TOLERANCE * scale:
+            norms = np.linalg.norm(rest, axis=0)
+            best = int(norms.argmax())
+            direction = rest[:, best] / norms[best]
+            rest = rest - np.outer(direction, direction @ rest)
+            rest[:, best] = 0.0
+            dependent[best] = True
+        self.dependent = dependent
+        self.free = np.flatnonzero(~dependent)
+        names = [name for name, gone in zip(self.coordinate_names, dependent, strict=True) if gone]
+        loops = [name for name in names if not self.is_set_by_model[self.coordinate_names.index(name)]]
+        self.notes.append(["INFO", f"coordinates eliminated by the model's constraints: {', '.join(names)}"])
+        if loops:
+            self.notes.append(["INFO", f"of these, chosen to close loops: {', '.join(loops)}"])
+
+    def _constraint_matrix(self) -> Array:
+        self.matter.calcG(self.state, self._matrix)
+        return np.array(self._matrix.to_numpy()).reshape(-1, self.n_u)
+
+    def _system_jacobian(self) -> Array:
+        matrix = self.osim.Matrix()
+        self.matter.calcSystemJacobian(self.state, matrix)
+        return np.array(matrix.to_numpy())
+
+    def _coupling(self, constraints: Array) -> Array:
+        """Return du/du_free, shape (n_u, n_free)."""
+        coupling = np.zeros((self.n_u, len(self.free)))
+        coupling[self.free, np.arange(len(self.free))] = 1.0
+        if self.dependent.any():
+            own, others = constraints[:, self.dependent], constraints[:, ~self.dependent]
+            coupling[self.dependent] = -np.linalg.lstsq(own, others, rcond=RANK_TOLERANCE)[0]
+            left = np.abs(constraints @ coupling).max(initial=0.0)
+            if left > ELIMINATION_TOLERANCE * max(np.abs(constraints).max(initial=0.0), 1e-300):
+                raise Refusal(
+                    "the coordinates chosen to close the model's loops do not determine it at "
+                    f"t = {self.state.getTime():.9g} s: its constraints are singular there",
+                    "EngineError",
+                )
+        return coupling
+
+    # -- pose
+
+    def pose(self, motion: Motion, row: int) -> None:
+        """Put the model into a row of the motion, constraints satisfied, realized to velocity."""
+        state, vector = self.state, self.osim.Vector
+        time = float(motion.time[row])
+        state.setTime(time)
+        values, speeds = motion.values[row].copy(), motion.speeds[row].copy()
+        for k in np.flatnonzero(self.is_prescribed):
+            function = self.coordinates[k].getPrescribedFunction()
+            values[k] = function.calcValue(vector(1, time))
+        for k in np.flatnonzero(self.is_locked):
+            values[k] = self.coordinates[k].getValue(state)
+        for _ in range(min(len(self._couplers), 4)):
+            for target, where, function, scale in self._couplers:
+                argument = vector.createFromMat(np.ascontiguousarray(values[where]))
+                values[target] = scale * function.calcValue(argument)
+        for k, coordinate in enumerate(self.coordinates):
+            if not self.is_locked[k]:
+                coordinate.setValue(state, float(values[k]), False)
+                coordinate.setSpeedValue(state, float(speeds[k]))
+        self.model.realizePosition(state)
+        if self.is_constrained:
+            if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > POSE_TOLERANCE:
+                self.model.assemble(state)
+            self._make_speeds_consistent()
+        self.model.realizeVelocity(state)
+
+    def _make_speeds_consistent(self) -> None:
+        """Give dependent coordinates the speeds that the constraints ask for."""
+        if not self.dependent.any():
+            return
+        state = self.state
+        self.model.realizeVelocity(state)
+        error = np.array(state.getUErr().to_numpy())
+        own = self._constraint_matrix()[:, self.dependent]
+        change = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
+        for k, du in zip(np.flatnonzero(self.dependent), change, strict=True):
+            coordinate = self.coordinates[k]
+            if not self.is_locked[k]:
+                coordinate.setSpeedValue(state, float(coordinate.getSpeedValue(state) + du))
+
+    # -- one frame
+
+    def frame(self, motion: Motion, row: int) -> dict[str, Array]:
+        """Compute everything that belongs to one row of the motion."""
+        self.pose(motion, row)
+        state = self.state
+        constraints = self._constraint_matrix() if self.is_constrained else np.zeros((0, self.n_u))
+        coupling = self._coupling(constraints)
+        accelerations = self._accelerations(motion.accelerations[row], constraints)
+        arms = self.path_forces(coupling)
+        poses = self._body_poses()
+        net = self._inverse_dynamics(accelerations)
+        result = {
+            "time": np.array(motion.time[row]),
+            "coordinate_values": self._read("getValue"),
+            "coordinate_speeds": self._read("getSpeedValue"),
+            "muscle_tendon_length": np.array([path.getLength(state) for path in self._paths]),
+            "muscle_tendon_velocity": np.array([path.getLengtheningSpeed(state) for path in self._paths]),
+            "moment_arms": arms,
+            "active_force_capacity": np.array(
+                [muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in self.muscles]
+            ),
+            "generalized_forces": coupling.T @ net,
+            "passive_generalized_forces": coupling.T @ self._passive_share(accelerations, net),
+            "actuator_generalized_forces": coupling.T @ self._actuator_columns(accelerations, net),
+            "other_forces": self._other_forces(),
+        }
+        result.update(self._skeleton(poses))
+        return result
+
+    def _read(self, getter: str) -> Array:
+        return np.array([getattr(self.coordinates[k], getter)(self.state) for k in self.free])
+
+    def _accelerations(self, target: Array, constraints: Array) -> Array:
+        """Complete the free coordinates' accelerations by those that the constraints imply."""
+        accelerations = np.where(self.dependent, 0.0, target)
+        if self.dependent.any():
+            self.matter.calcBiasForAccelerationConstraints(self.state, self._vector)
+            error = constraints @ accelerations + np.array(self._vector.to_numpy())
+            own = constraints[:, self.dependent]
+            accelerations[self.dependent] = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
+        return accelerations
+
+    def path_forces(self, coupling: Array) -> Array:
+        """Return the generalized force of each path at 1 N tension, shape (n_free, n_muscles)."""
+        return coupling.T @ self._path_columns()
+
+    def _path_columns(self) -> Array:
+        osim, state, out = self.osim, self.state, self._vector
+        columns = np.zeros((self.n_u, len(self._paths)))
+        for j, path in enumerate(self._paths):
+            body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
+            mobility_forces = osim.Vector(self._no_mobility_forces)
+            path.addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+            self.matter.multiplyBySystemJacobianTranspose(state, body_forces, out)
+            columns[:, j] = out.to_numpy()
+            columns[:, j] += mobility_forces.to_numpy()
+        return columns
+
+    def _inverse_dynamics(self, accelerations: Array, state: Any = None) -> Array:
+        """Return what must act on each mobility, all forces but muscles and actuators taken off."""
+        vector = self.osim.Vector.createFromMat(np.ascontiguousarray(accelerations))
+        solution = self._solver.solve(self.state if state is None else state, vector)
+        return np.array(solution.to_numpy())
+
+    def _passive_share(self, accelerations: Array, net: Array) -> Array:
+        if not self.passives:
+            return np.zeros(self.n_u)
+        other = self._without_passives
+        other.setTime(self.state.getTime())
+        other.setQ(self.state.getQ())
+        other.setU(self.state.getU())
+        return self._inverse_dynamics(accelerations, other) - net
+
+    def _actuator_columns(self, accelerations: Array, net: Array) -> Array:
+        columns = np.zeros((self.n_u, len(self.actuators)))
+        for j, actuator in enumerate(self.actuators):
+            if j in self._constant_columns:
+                coordinate, optimal_force = self._constant_columns[j]
+                columns[coordinate, j] = optimal_force
+                continue
+            actuator.setOverrideActuation(self.state, float(actuator.getOptimalForce()))
+            columns[:, j] = net - self._inverse_dynamics(accelerations)
+            actuator.setOverrideActuation(self.state, 0.0)
+        return columns
+
+    def _other_forces(self) -> Array:
+        values: list[float] = []
+        if self._recorded:
+            self.model.realizeDynamics(self.state)
+        for force, n_labels in self._recorded:
+            record = force.getRecordValues(self.state)
+            found = record.getSize()
+            if found != n_labels:
+                raise Refusal(
+                    f"the force {force.getName()!r} records {found} values under {n_labels} labels",
+                    "EngineError",
+                )
+            values += [record.get(i) for i in range(n_labels)]
+        return np.array(values, dtype=float)
+
+    # -- skeleton
+
+    def _frame_pose(self, frame: Any) -> tuple[Array, Array]:
+        """Return rotation (columns are the frame's axes) and origin in ground."""
+        points = [
+            frame.findStationLocationInGround(self.state, point).to_numpy() for point in self._frame_points
+        ]
+        origin = np.array(points[0])
+        return np.stack([point - origin for point in points[1:]], axis=1), origin
+
+    def _body_poses(self) -> tuple[Array, Array]:
+        rotations, origins = np.zeros((len(self.body_names), 3, 3)), np.zeros((len(self.body_names), 3))
+        rotations[0] = np.eye(3)
+        for b, body in enumerate(self.bodies, start=1):
+            rotations[b], origins[b] = self._frame_pose(body)
+        return rotations, origins
+
+    def _skeleton(self, poses: tuple[Array, Array]) -> dict[str, Array]:
+        rotations, origins = poses
+        centers = np.einsum("bij,bj->bi", rotations, self._mass_centers) + origins
+        forces, points, torques = self._load_vectors()
+        result = {
+            "body_mass_centers": centers,
+            "joint_centers": np.array(
+                [joint.getChildFrame().getPositionInGround(self.state).to_numpy() for joint in self.joints]
+            ).reshape(-1, 3),
+            "joint_axes": np.array([self.axes_of_joint(j) for j in range(len(self.joints))]).reshape(
+                -1, 3, 3
+            ),
+            "load_forces": forces,
+            "load_points": points,
+            "load_torques": torques,
+        }
+        result.update(self._path_points(rotations, origins))
+        return result
+
+    def axes_of_joint(self, j: int) -> Array:
+        """Return the joint's axes x, y, z in ground, one per row."""
+        parent, _ = self._frame_pose(self.joints[j].getParentFrame())
+        transform = self._joint_transforms[j]
+        if transform is None:
+            return parent.T
+        functions, nominal, nearest, signs = transform
+        angles = [function.getValue(self.state) for function in functions]
+        first = rotation(nominal[0], angles[0])
+        second = first @ rotation(nominal[1], angles[1])
+        successive = np.array([nominal[0], first @ nominal[1], second @ nominal[2]])
+        return (parent @ successive[list(nearest)].T).T * signs[:, None]
+
+    def _load_vectors(self) -> tuple[Array, Array, Array]:
+        n_loads, time, state = len(self.loads), self.state.getTime(), self.state
+        forces, points, torques = np.zeros((n_loads, 3)), np.zeros((n_loads, 3)), np.zeros((n_loads, 3))
+        for i, load in enumerate(self.loads):
+            expressed = self._physical_frame(load.getForceExpressedInBodyName() or "ground")
+            if load.get_force_identifier():
+                force = load.getForceAtTime(time)
+                forces[i] = expressed.expressVectorInGround(state, force).to_numpy()
+            if load.appliesTorque():
+                torque = load.getTorqueAtTime(time)
+                torques[i] = expressed.expressVectorInGround(state, torque).to_numpy()
+            applied = self._physical_frame(load.getAppliedToBodyName())
+            if load.specifiesPoint():
+                frame = self._physical_frame(load.getPointExpressedInBodyName() or "ground")
+                point = frame.findStationLocationInGround(state, load.getPointAtTime(time))
+            else:
+                point = applied.getPositionInGround(state)
+            points[i] = point.to_numpy()
+        return forces, points, torques
+
+    def _path_points(self, rotations: Array, origins: Array) -> dict[str, Array]:
+        per_muscle: list[tuple[NDArray[np.int64], Array, NDArray[np.bool_]]] = []
+        for geometry, fixed in zip(self._geometry, self._fixed_points, strict=True):
+            if fixed is not None:
+                bodies, locations = fixed
+                points = np.einsum("pij,pj->pi", rotations[bodies], locations) + origins[bodies]
+                per_muscle.append((bodies, points, np.zeros(len(bodies), dtype=bool)))
+                continue
+            current = geometry.getCurrentPath(self.state)
+            size = current.getSize()
+            bodies = np.zeros(size, dtype=np.int64)
+            points = np.zeros((size, 3))
+            moves = np.zeros(size, dtype=bool)
+            for i in range(size):
+                point = current.get(i)
+                bodies[i] = self.base_body(point.getParentFrame())
+                points[i] = point.getLocationInGround(self.state).to_numpy()
+                moves[i] = point.getConcreteClassName() in ("PathWrapPoint", "MovingPathPoint")
+            per_muscle.append((bodies, points, moves))
+        n_muscles, n_points = len(per_muscle), max(len(bodies) for bodies, _, _ in per_muscle)
+        result: dict[str, Any] = {
+            "path_points": np.zeros((n_muscles, n_points, 3)),
+            "path_point_bodies": np.full((n_muscles, n_points), -1, dtype=np.int64),
+            "path_point_moves": np.zeros((n_muscles, n_points), dtype=bool),
+        }
+        for m, (bodies, points, moves) in enumerate(per_muscle):
+            result["path_points"][m, : len(bodies)] = points
+            result["path_point_bodies"][m, : len(bodies)] = bodies
+            result["path_point_moves"][m, : len(bodies)] = moves
+        return result
+
+    # -- constants
+
+    def header(self) -> dict[str, Any]:
+        """Return names and constants, the same in every worker."""
+        gravity = self.model.getGravity()
+        return {
+            "model_name": self.model.getName(),
+            "muscles": self.muscle_names,
+            "actuators": self.actuator_names,
+            "coordinates": [self.coordinate_names[k] for k in self.free],
+            "is_rotational": [bool(self.is_rotational[k]) for k in self.free],
+            "force_columns": self.force_columns,
+            "other_force_labels": self.other_labels,
+            "bodies": self.body_names,
+            "body_parents": self.body_parents.tolist(),
+            "body_masses": self.body_masses.tolist(),
+            "gravity": [gravity.get(i) for i in range(3)],
+            "joints": self.joint_names,
+            "joint_children": self.joint_children,
+            "load_names": [load.getName() for load in self.loads],
+            "load_bodies": [self._load_body(load) for load in self.loads],
+            "muscle_parameters": self._muscle_parameters(),
+            "actuator_parameters": {
+                "optimal_force": [float(actuator.getOptimalForce()) for actuator in self.actuators],
+                "min_control": [float(actuator.getMinControl()) for actuator in self.actuators],
+                "max_control": [float(actuator.getMaxControl()) for actuator in self.actuators],
+            },
+        }
+
+    def _muscle_parameters(self) -> dict[str, list[Any]]:
+        getters: dict[str, Callable[[Any], Any]] = {
+            "muscle_class": lambda muscle: muscle.getConcreteClassName(),
+            "max_isometric_force": lambda muscle: float(muscle.getMaxIsometricForce()),
+            "optimal_fiber_length": lambda muscle: float(muscle.getOptimalFiberLength()),
+            "tendon_slack_length": lambda muscle: float(muscle.getTendonSlackLength()),
+            "pennation_angle_at_optimal": lambda muscle: float(
+                muscle.getPennationAngleAtOptimalFiberLength()
+            ),
+            "max_contraction_velocity": lambda muscle: float(muscle.getMaxContractionVelocity()),
+            "min_activation": lambda muscle: float(muscle.getMinControl()),
+            "max_activation": lambda muscle: float(muscle.getMaxControl()),
+            "activation_time_constant": lambda muscle: self._number(muscle, "activation_time_constant", 0.0),
+            "deactivation_time_constant": lambda muscle: self._number(
+                muscle, "deactivation_time_constant", 0.0
+            ),
+            "curve_parameters": self._curve_parameters,
+        }
+        return {name: [getter(muscle) for muscle in self.muscles] for name, getter in getters.items()}
+
+    def _number(self, owner: Any, name: str, default: float | None) -> float | None:
+        if not owner.hasProperty(name):
+            return default
+        value = owner.getPropertyByName(name)
+        if value.size() != 1:
+            return default
+        helper = self.osim.PropertyHelper
+        if value.getTypeName() == "bool":
+            return float(helper.getValueBool(value))
+        return float(helper.getValueDouble(value))
+
+    def _curve_parameters(self, muscle: Any) -> dict[str, float]:
+        parameters: dict[str, float] = {}
+        for name in CURVE_PROPERTIES:
+            value = self._number(muscle, name, None)
+            if value is not None:
+                parameters[name] = value
+        osim = self.osim
+        for kind in ("Millard2012EquilibriumMuscle", "Thelen2003Muscle"):
+            exact = getattr(osim, kind).safeDownCast(muscle)
+            if exact is not None and hasattr(exact, "getMinimumFiberLength"):
+                parameters["minimum_fiber_length"] = float(exact.getMinimumFiberLength())
+        millard = osim.Millard2012EquilibriumMuscle.safeDownCast(muscle)
+        if millard is None:
+            return parameters
+        for prefix, getter in CURVE_OBJECTS.items():
+            curve = getattr(millard, getter)()
+            for i in range(curve.getNumProperties()):
+                entry = curve.getPropertyByIndex(i)
+                name = entry.getName()
+                if entry.getTypeName() != "double":
+                    continue
+                value = self._number(curve, name, None)
+                if value is None and name in CURVE_VALUES_IN_USE:
+                    value = float(getattr(curve, CURVE_VALUES_IN_USE[name])())
+                if value is not None:
+                    parameters[f"{prefix}.{name}"] = value
+        return parameters
+
+
+def _load_model(osim: Any, given: dict[str, Any]) -> tuple[Any, Any]:
+    """Load the model with the actuators and external loads that the setup adds."""
+    model = osim.Model(given["model"])
+    tool = osim.AnalyzeTool()
+    files = osim.ArrayStr()
+    for path in given["actuators"]:
+        files.append(path)
+    tool.setForceSetFiles(files)
+    tool.setReplaceForceSet(bool(given["replace_force_set"]))
+    tool.updateModelForces(model, "")
+    if given["external_loads"] is not None:
+        loads = osim.ExternalLoads(given["external_loads"], True)
+        model.addModelComponent(loads)
+        loads.this.disown()
+    return model, tool
+
+
+def _forces(osim: Any, model: Any) -> Iterator[Any]:
+    """Yield every force in the order in which OpenSim records them."""
+    for component in model.getComponentsList():
+        force = osim.Force.safeDownCast(component)
+        if force is not None:
+            yield force
+
+
+def _unit(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    return np.asarray(vector) / length if length > 0 else np.asarray(vector)
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Return the rotation matrix about a unit axis."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+# ------------------------------------------------------------------------------------- virtual rotations
+
+
+class VirtualRotations:
+    """Rotations of everything distal of a joint about an axis of ground, by OpenSim's own paths."""
+
+    def __init__(self, engine: Engine, job: dict[str, Any]) -> None:
+        raise Refusal("stability_axes are not available yet", "EngineError")
+        self.names: list[str] = []
+
+    def frame(self, motion: Motion, row: int, frame: dict[str, Array]) -> dict[str, Array]:
+        """Return virtual moment arms and curvature of one row."""
+        raise NotImplementedError
+
+
+if __name__ == "__main__":
+    sys.exit(main())
