@@ -1,0 +1,92 @@
+"""Muscle forces with mechanically stable joints, from OpenSim models and motions.
+
+Public names are imported when first used, so that ``import scso_nlp`` is fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scso_nlp.constraints import FrameConstraint, FramePairConstraint, JointStability, MomentEquilibrium
+    from scso_nlp.exceptions import (
+        CouplingError,
+        DataError,
+        EngineError,
+        FileFormatError,
+        NameMismatchError,
+        ProblemError,
+        ScsoError,
+    )
+    from scso_nlp.muscle_models import MuscleModel, NoPhysiology, RigidTendon
+    from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+    from scso_nlp.objectives import ActivationEffort, FrameObjective, FramePairObjective, FunctionObjective
+    from scso_nlp.problem import (
+        MuscleForceProblem,
+        stability_constrained_static_optimization,
+        static_optimization,
+    )
+    from scso_nlp.solution import RowResult, Shortfall, Solution, SolveFailed, SolveReport, Status
+    from scso_nlp.solve import solve_framewise, solve_trajectory
+    from scso_nlp.trajectory import MotionTrajectory, Skeleton
+    from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
+    from scso_nlp.transcription.ipopt import SolverOptions
+
+#: Where each public name is defined.
+_HOME = {
+    "ActivationEffort": "objectives",
+    "ActuatorParameters": "muscles",
+    "CouplingError": "exceptions",
+    "DataError": "exceptions",
+    "EngineError": "exceptions",
+    "FileFormatError": "exceptions",
+    "Frame": "transcription.frame",
+    "FrameConstraint": "constraints",
+    "FrameObjective": "objectives",
+    "FramePairConstraint": "constraints",
+    "FramePairObjective": "objectives",
+    "FunctionObjective": "objectives",
+    "JointStability": "constraints",
+    "MomentEquilibrium": "constraints",
+    "MotionTrajectory": "trajectory",
+    "MuscleForceProblem": "problem",
+    "MuscleModel": "muscle_models",
+    "MuscleParameters": "muscles",
+    "MuscleState": "transcription.frame",
+    "NameMismatchError": "exceptions",
+    "NoPhysiology": "muscle_models",
+    "ProblemError": "exceptions",
+    "RigidTendon": "muscle_models",
+    "RowResult": "solution",
+    "Rows": "transcription.frame",
+    "ScsoError": "exceptions",
+    "Shortfall": "solution",
+    "Skeleton": "trajectory",
+    "Solution": "solution",
+    "SolveFailed": "solution",
+    "SolveReport": "solution",
+    "SolverOptions": "transcription.ipopt",
+    "Status": "solution",
+    "VariableSpec": "transcription.frame",
+    "solve_framewise": "solve",
+    "solve_trajectory": "solve",
+    "stability_constrained_static_optimization": "problem",
+    "static_optimization": "problem",
+}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*globals(), *_HOME]

@@ -147,7 +147,7 @@ class Skeleton:
         distal = np.zeros(len(self.bodies), dtype=bool)
         distal[self.joint_children[joint]] = True
         for body in range(len(self.bodies)):
-            chain = []
+            chain: list[int] = []
             ancestor = body
             while ancestor >= 0 and not distal[ancestor] and len(chain) <= len(self.bodies):
                 chain.append(ancestor)

@@ -1,1 +1,6 @@
+"""Constraints: what must hold, one file per term."""
 
+from scso_nlp.constraints.constraint import FrameConstraint as FrameConstraint
+from scso_nlp.constraints.constraint import FramePairConstraint as FramePairConstraint
+from scso_nlp.constraints.joint_stability import JointStability as JointStability
+from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium as MomentEquilibrium

@@ -1,1 +1,4 @@
+"""From a problem description to a nonlinear program and back.
 
+The only folder that knows how symbols of one frame become one program over all frames.
+"""

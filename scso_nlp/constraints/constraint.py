@@ -1,0 +1,51 @@
+"""Abstract constraints: rows of one frame, or of two neighbouring frames.
+
+A new constraint is one file here, one line in ``constraints/__init__.py`` and one test.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
+from scso_nlp.validation import FloatArray
+
+if TYPE_CHECKING:
+    from scso_nlp.problem import MuscleForceProblem
+
+
+class Constraint:
+    """What every constraint has: a name, and unknowns and data of its own if it asks for them."""
+
+    @property
+    def name(self) -> str:
+        """Name in reports."""
+        return type(self).__name__
+
+    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+        """Name unknowns that the term adds to every frame; none by default."""
+        return ()
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Give data per frame, each of shape (n_frames, …), for ``frame.data``; none by default."""
+        return {}
+
+
+class FrameConstraint(Constraint):
+    """Rows that look at one frame."""
+
+    @abc.abstractmethod
+    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
+        """Rows of one frame; `problem` is for names and units only."""
+
+
+class FramePairConstraint(Constraint):
+    """Rows that look at two neighbouring frames; they couple the whole motion."""
+
+    @abc.abstractmethod
+    def rows(self, previous: Frame, current: Frame, dt: ca.SX, problem: MuscleForceProblem) -> Rows:
+        """Rows of one pair of frames `dt` seconds apart; `problem` is for names and units only."""

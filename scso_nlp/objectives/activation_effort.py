@@ -1,0 +1,159 @@
+"""Muscle effort: the sum of activations to a power, over muscles and other actuators."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
+from scso_nlp.validation import FloatArray, positions
+
+if TYPE_CHECKING:
+    from scso_nlp.problem import MuscleForceProblem
+
+#: Exponents above this one are approached from half the exponent: a^p is flat far from the optimum.
+_STEEP_EXPONENT = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActivationEffort(FrameObjective):
+    r"""Effort of muscles and actuators in each frame.   weight [-]   depends on: one frame.
+
+    .. math:: \sum_m w_m |a_m|^p + \sum_j w_j |c_j|^p
+
+    With `exponent` infinite it is the largest :math:`w_m |a_m|`, :math:`w_j |c_j|`, in epigraph form.
+
+    Attributes
+    ----------
+    exponent : float
+        :math:`p`, any real number of at least 1, or ``math.inf`` for min/max.
+    weights : None, "volume", "pcsa" or mapping of str to float
+        Weight of each muscle and actuator, 1 by default. ``"volume"`` and ``"pcsa"`` weigh muscles by
+        maximum isometric force × optimal fiber length and by maximum isometric force, divided by the
+        mean of all muscles. A mapping goes from names or patterns with ``*`` to weights; later entries win.
+    weight : float
+        Weight of the whole term among other objectives.
+
+    Raises
+    ------
+    ProblemError
+        Exponent below 1 or not a number, a negative weight.
+    NameMismatchError
+        A name in `weights` that fits no muscle and no actuator.
+
+    Notes
+    -----
+    OpenSim's static optimization has the same sum with all weights 1, reserves included.
+
+    References
+    ----------
+    Crowninshield and Brand (1981), J Biomech 14:793-801; Akhavanfar et al. (2019), eq. 1; for min/max
+    Rasmussen et al. (2001), J Biomech 34:409-415.
+    """
+
+    exponent: float = 2.0
+    weights: str | Mapping[str, float] | None = None
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.exponent >= 1:
+            raise ProblemError(
+                f"exponent is {self.exponent:g}, expected a number of at least 1 (or infinity)"
+            )
+        if isinstance(self.weights, str) and self.weights not in ("volume", "pcsa"):
+            raise ProblemError(f"weights is {self.weights!r}, expected 'volume', 'pcsa' or a mapping")
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Weights of muscles and actuators, the same in every frame."""
+        weights = self._weights(problem)
+        return {"weights": np.broadcast_to(weights, (problem.trajectory.n_frames, weights.size))}
+
+    def _weights(self, problem: MuscleForceProblem) -> FloatArray:
+        muscles, actuators = problem.muscles, problem.actuators
+        names = muscles.muscles + actuators.actuators
+        weights = np.ones(len(names))
+        if isinstance(self.weights, str):
+            size = muscles.max_isometric_force.copy()
+            if self.weights == "volume":
+                size = size * muscles.optimal_fiber_length
+            weights[: muscles.n_muscles] = size / size.mean()
+        elif self.weights is not None:
+            for pattern, weight in self.weights.items():
+                if not (math.isfinite(weight) and weight >= 0):
+                    raise ProblemError(
+                        f"weight of {pattern!r} is {weight:g}, expected a number of at least 0"
+                    )
+                hits = [i for i, name in enumerate(names) if fnmatch.fnmatchcase(name, pattern)]
+                if not hits and "*" in pattern:
+                    raise NameMismatchError(
+                        f"weights: the pattern {pattern!r} fits no muscle and no actuator"
+                    )
+                weights[hits or positions("muscle or actuator", [pattern], names)] = weight
+        return weights
+
+    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+        """Largest effort for min/max; both signs of controls apart where the power has no curvature at 0."""
+        if math.isinf(self.exponent):
+            return (VariableSpec(name="largest", labels=("largest_effort",), lower=0.0, guess=1.0),)
+        if self.exponent < 2 and problem.actuators.n_actuators:
+            names = problem.actuators.actuators
+            return tuple(
+                VariableSpec(
+                    name=sign, labels=tuple(f"{name}_{sign}" for name in names), lower=0.0, guess=1.0
+                )
+                for sign in ("pull", "push")
+            )
+        return ()
+
+    def value(self, frame: Frame) -> ca.SX:
+        """Effort of one frame."""
+        n_muscles = frame.activation.numel()
+        weights = frame.data["weights"]
+        if math.isinf(self.exponent):
+            return frame.variables["largest"]
+        effort = ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent))
+        if frame.control.numel():
+            parts = frame.variables
+            size = parts["pull"] + parts["push"] if self.exponent < 2 else frame.control
+            effort += ca.dot(weights[n_muscles:], _power(size, self.exponent))
+        return effort
+
+    def rows(self, frame: Frame) -> Rows | None:
+        """Ties of the term's own unknowns to activations and controls."""
+        if math.isinf(self.exponent):
+            unknowns = ca.vertcat(frame.activation, frame.control)
+            effort = frame.data["weights"] * unknowns
+            largest = frame.variables["largest"]
+            value = ca.vertcat(largest - effort, largest + effort[frame.activation.numel() :])
+            names = [f"largest_effort_{i}" for i in range(value.numel())]
+            return Rows(value=value, lower=0.0, upper=np.inf, names=names, unit="-")
+        if "pull" in frame.variables:
+            value = frame.control - frame.variables["pull"] + frame.variables["push"]
+            names = [f"signs_{i}" for i in range(value.numel())]
+            return Rows(value=value, lower=0.0, upper=0.0, names=names, unit="-")
+        return None
+
+    def gentler(self) -> ActivationEffort | None:
+        """Half the exponent, for exponents whose powers are flat far from the optimum."""
+        if math.isinf(self.exponent) or self.exponent <= _STEEP_EXPONENT:
+            return None
+        return replace(self, exponent=max(2.0, self.exponent / 2))
+
+
+def _power(size: ca.SX, exponent: float) -> ca.SX:
+    """|size|^p; with the modulus its first and second derivatives are finite at 0 for p >= 2."""
+    if exponent == 1:
+        return size
+    if exponent == 2:
+        return size * size
+    if exponent < 2:
+        return size**exponent
+    return ca.fabs(size) ** exponent

@@ -1,0 +1,38 @@
+"""A user's own cost, given as a function of the frame's symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.transcription.frame import Frame
+
+
+@dataclass(frozen=True, kw_only=True)
+class FunctionObjective(FrameObjective):
+    """A cost from a function of one frame.   weight [unit of the function's inverse]   depends on: one frame.
+
+    Attributes
+    ----------
+    function : callable
+        Takes a :class:`~scso_nlp.Frame`, returns a CasADi scalar; exact derivatives follow.
+    label : str
+        Name in reports; the function's own name by default.
+    weight : float
+    """
+
+    function: Callable[[Frame], ca.SX]
+    label: str = ""
+    weight: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Label, or the function's name."""
+        return self.label or getattr(self.function, "__name__", type(self).__name__)
+
+    def value(self, frame: Frame) -> ca.SX:
+        """Value of the function."""
+        return self.function(frame)

@@ -1,0 +1,363 @@
+"""The two verbs: solve all frames as one program, or frame by frame."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+import platform
+import time
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scso_nlp.exceptions import CouplingError, ProblemError
+from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.solution import Shortfall, Solution, SolveFailed, SolveReport, Status
+from scso_nlp.transcription.build import (
+    FrameProgram,
+    Nlp,
+    SplitRows,
+    build_nlp,
+    describe,
+    evaluate,
+    split_rows,
+)
+from scso_nlp.transcription.check import (
+    FEASIBILITY_TOLERANCE,
+    infeasible_rows,
+    out_of_reach,
+    row_results,
+    scaled_violation,
+    violations,
+    worst_rows,
+)
+from scso_nlp.transcription.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
+from scso_nlp.transcription.layout import PROBLEM
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+_LOG = logging.getLogger("scso_nlp")
+
+#: Frame weights of steep objectives are taken where all activations and controls are at least this large.
+_LEAST_EFFORT = 1e-3
+
+#: A frame whose rows are missed by more than this much of their scale is not solved [-].
+_LOOSE_VIOLATION = 1e-4
+
+
+def solve_trajectory(
+    problem: MuscleForceProblem,
+    *,
+    initial_guess: Solution | None = None,
+    options: SolverOptions | None = None,
+    on_failure: str = "raise",
+) -> Solution:
+    """Solve all frames as one nonlinear program.
+
+    Frames that are found infeasible are taken out of the program where no term couples frames, so that
+    the others still get their answer.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+    initial_guess : Solution, optional
+        Of the same motion; what it lacks starts from the default guess.
+    options : SolverOptions, optional
+    on_failure : "raise" or "return"
+        Whether a failed frame raises or is only marked in ``Solution.frame_status``.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    SolveFailed
+        Some frame was not solved; the exception carries the solution with its last iterate.
+    ProblemError
+        Contradictory description or options.
+    """
+    return _solve(problem, "trajectory", initial_guess, options or SolverOptions(), on_failure)
+
+
+def solve_framewise(
+    problem: MuscleForceProblem,
+    *,
+    initial_guess: Solution | None = None,
+    options: SolverOptions | None = None,
+    on_failure: str = "raise",
+) -> Solution:
+    """Solve frame by frame: the same program built for one frame and fed with each frame's numbers.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+        Without terms that couple frames; see :meth:`MuscleForceProblem.without_coupling`.
+    initial_guess : Solution, optional
+    options : SolverOptions, optional
+    on_failure : "raise" or "return"
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    CouplingError
+        A term couples frames.
+    SolveFailed
+        Some frame was not solved; the exception carries the solution with its last iterate.
+    ProblemError
+        Contradictory description or options.
+    """
+    if problem.coupled_terms:
+        raise CouplingError(
+            f"{', '.join(problem.coupled_terms)} couples frames, so the problem cannot be solved "
+            "frame by frame; use solve_trajectory, or problem.without_coupling()"
+        )
+    return _solve(problem, "framewise", initial_guess, options or SolverOptions(), on_failure)
+
+
+def _solve(
+    problem: MuscleForceProblem, solver: str, guess: Solution | None, options: SolverOptions, on_failure: str
+) -> Solution:
+    if on_failure not in ("raise", "return"):
+        raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
+    gentler = _gentler(problem)
+    if gentler is not None and guess is None:
+        guess = _solve(gentler, solver, None, options, "return")
+    started = time.perf_counter()
+    program = describe(problem)
+    split = split_rows(program)
+    run = _Run(program=program, split=split, options=options, **_start(program, guess))
+    shortfalls = out_of_reach(program, split.affine)
+    for shortfall in shortfalls:
+        run.status[shortfall.frame] = Status.INFEASIBLE
+    if problem.coupled_terms and shortfalls:
+        run.status[:] = [Status.INFEASIBLE] * len(run.status)
+    if gentler is not None and not problem.coupled_terms:
+        run.weights = _frame_weights(program, run.unknowns)
+    run.build_seconds += time.perf_counter() - started
+    if run.waiting.size:
+        run.together() if solver == "trajectory" else run.one_by_one()
+    return _finish(run, shortfalls, solver, on_failure)
+
+
+@dataclass(kw_only=True)
+class _Run:
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
+
+    program: FrameProgram
+    split: SplitRows
+    options: SolverOptions
+    unknowns: FloatArray
+    multipliers: tuple[FloatArray, FloatArray]
+    status: list[Status | None]
+    weights: FloatArray
+    iterations: int = 0
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
+
+    @property
+    def waiting(self) -> IntArray:
+        """Frames without a status."""
+        return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
+
+    def together(self) -> None:
+        """Solve the waiting frames as one program; where they fail, find out which and go on without."""
+        frames = self.waiting
+        answer = self._call(*self._build(frames.size), frames)
+        if answer.status.is_solved:
+            return
+        if self.program.problem.coupled_terms:
+            self._set(frames, answer.status)
+            return
+        lost = [k for k in frames if infeasible_rows(self.program, self.split.affine, int(k))]
+        self._set(lost, Status.INFEASIBLE)
+        if lost and self.waiting.size:
+            _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
+            self.together()
+        elif self.waiting.size:
+            _LOG.info("the whole motion was not solved (%s); solving frame by frame", answer.status.name)
+            self.one_by_one()
+
+    def one_by_one(self) -> None:
+        """Solve each waiting frame with one compiled program."""
+        nlp, solver = self._build(1)
+        for k in self.waiting:
+            self.status[k] = self._call(nlp, solver, np.array([k])).status
+
+    def _build(self, n_frames: int) -> tuple[Nlp, ca.Function]:
+        started = time.perf_counter()
+        nlp = build_nlp(self.program, self.split, n_frames)
+        solver = compile_ipopt(nlp, self.options)
+        self.build_seconds += time.perf_counter() - started
+        return nlp, solver
+
+    def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
+        started = time.perf_counter()
+        layout = self.program.layout
+        n = self.program.problem.trajectory.n_frames
+        lower, upper = ((layout.rows(what, n)[frames] / layout.scale).ravel() for what in ("lower", "upper"))
+        answer = call_ipopt(
+            solver,
+            x0=self.unknowns[frames].ravel(),
+            p=nlp.parameters(frames, self.weights[frames]),
+            bounds=(lower, upper),
+            row_bounds=nlp.row_bounds(frames),
+        )
+        self.unknowns[frames] = answer.x.reshape(frames.size, -1)
+        one, pair = nlp.multipliers(answer.lam_g)
+        self.multipliers[0][frames] = one / self.weights[frames, None]
+        if frames.size > 1 and pair.size:
+            self.multipliers[1][:] = pair
+        if answer.status.is_solved:
+            self._set(frames, answer.status)
+        self.iterations += answer.iterations
+        self.solve_seconds += time.perf_counter() - started
+        return answer
+
+    def _set(self, frames: Iterable[int], status: Status) -> None:
+        for k in frames:
+            self.status[int(k)] = status
+
+
+def _start(program: FrameProgram, guess: Solution | None) -> dict[str, Any]:
+    """Make the starting point, empty multipliers, unit weights and waiting frames."""
+    n = program.problem.trajectory.n_frames
+    unknowns = program.layout.rows("guess", n)
+    if guess is not None:
+        if guess.activation.shape != (n, program.problem.muscles.n_muscles):
+            raise ProblemError(
+                f"initial_guess has activations of shape {guess.activation.shape}, expected "
+                f"{(n, program.problem.muscles.n_muscles)} = (n_frames, n_muscles)"
+            )
+        parts = {(PROBLEM, "activation"): guess.activation, (PROBLEM, "control"): guess.control}
+        for name, values in guess.variables.items():
+            owner, _, variable = name.rpartition(".")
+            parts[owner, variable] = values
+        given = program.layout.join(parts, unknowns)
+        unknowns = np.where(np.isfinite(given), given, unknowns)
+    sizes = [sum(len(b.names) for b in program.row_blocks if b.is_pair == pair) for pair in (False, True)]
+    return {
+        "unknowns": unknowns / program.layout.scale,
+        "multipliers": (np.full((n, sizes[0]), np.nan), np.full((max(n - 1, 0), sizes[1]), np.nan)),
+        "status": [None] * n,
+        "weights": np.ones(n),
+    }
+
+
+def _gentler(problem: MuscleForceProblem) -> MuscleForceProblem | None:
+    """Return the same problem with gentler objectives, or None where no objective asks for it."""
+    terms = [term.gentler() if isinstance(term, FrameObjective) else None for term in problem.objectives]
+    if not any(terms):
+        return None
+    changed = tuple(new or old for new, old in zip(terms, problem.objectives, strict=True))
+    return replace(problem, objectives=changed)
+
+
+def _frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    """Weights that bring every frame's objective near 1 at the guess.
+
+    Without coupling a positive weight per frame does not move the optimum, but without it the powers
+    of small activations vanish in the solver's tolerance.
+    """
+    small = np.full_like(unknowns, _LEAST_EFFORT)
+    at_guess, least = np.zeros(len(unknowns)), np.zeros(len(unknowns))
+    for _, piece in program.objectives:
+        function = piece.function()
+        at_guess += evaluate(piece, function, unknowns, program.arrays)[0][:, 0]
+        least += evaluate(piece, function, small, program.arrays)[0][:, 0]
+    return 1.0 / np.maximum(np.maximum(at_guess, least), np.finfo(float).tiny)
+
+
+def _finish(run: _Run, shortfalls: list[Shortfall], solver: str, on_failure: str) -> Solution:
+    program, problem = run.program, run.program.problem
+    unknowns = run.unknowns * program.layout.scale
+    status = [s if s is not None else Status.NUMERICAL_ERROR for s in run.status]
+    reached = {shortfall.frame for shortfall in shortfalls}
+    if reached and not problem.coupled_terms:
+        unknowns[sorted(reached)] = np.nan
+    finite = np.nan_to_num(unknowns)
+    rows = row_results(program, finite, run.multipliers)
+    violation = scaled_violation(program, rows, finite)
+    for k, found in enumerate(status):
+        if found.is_solved and violation[k] > _LOOSE_VIOLATION:
+            status[k] = Status.NUMERICAL_ERROR
+        elif found is Status.SOLVED and violation[k] > FEASIBILITY_TOLERANCE:
+            status[k] = Status.ACCEPTABLE
+    failed = [k for k, s in enumerate(status) if not s.is_solved and k not in reached]
+    for k in failed:
+        proven = infeasible_rows(program, run.split.affine, k)
+        if proven:
+            status[k] = Status.INFEASIBLE
+        shortfalls = shortfalls + (proven or worst_rows(program, rows, [k]))
+    solved: BoolArray = np.array([s.is_solved for s in status])
+    forces = evaluate(program.tendon_force, program.tendon_force.function(), run.unknowns, program.arrays)[0]
+    missing: BoolArray = np.asarray(np.isnan(unknowns).any(axis=1))
+    forces[missing] = np.nan
+    parts = program.layout.split(unknowns)
+    activation = parts.pop((PROBLEM, "activation"))
+    control = parts.pop((PROBLEM, "control"))
+    for name, row in rows.items():
+        rows[name] = replace(row, value=np.where(missing[:, None], np.nan, row.value))
+    solution = Solution(
+        problem=problem,
+        frame_status=tuple(status),
+        activation=activation,
+        control=control,
+        tendon_force=forces,
+        actuator_force=control * problem.actuators.optimal_force,
+        variables={f"{owner}.{name}": values for (owner, name), values in parts.items()},
+        rows=rows,
+        objective_terms=_objective_terms(program, run.unknowns, solved),
+        violation=violations(program, finite, rows, solved),
+        shortfalls=tuple(shortfalls),
+        report=SolveReport(
+            solver=solver,
+            iterations=run.iterations,
+            build_seconds=run.build_seconds,
+            solve_seconds=run.solve_seconds,
+            options=asdict(run.options),
+            versions=versions(),
+        ),
+    )
+    _LOG.info(
+        "%s (%s): %s; %d iterations, build %.2f s, solve %.2f s",
+        problem.trajectory.name,
+        solver,
+        solution.summary(),
+        run.iterations,
+        run.build_seconds,
+        run.solve_seconds,
+    )
+    if on_failure == "raise" and not solved.all():
+        raise SolveFailed(solution)
+    return solution
+
+
+def _objective_terms(program: FrameProgram, unknowns: FloatArray, solved: BoolArray) -> dict[str, float]:
+    """Weighted value of each objective over the solved frames (both frames of a pair)."""
+    result = {}
+    for name, piece in program.objectives:
+        values = evaluate(piece, piece.function(), unknowns, program.arrays)[0][:, 0]
+        keep = solved[:-1] & solved[1:] if piece.is_pair else solved
+        result[name] = float(values[keep].sum())
+    return result
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of what it stands on."""
+    names = ("scso_nlp", "casadi", "numpy", "scipy", "opensim")
+    found = {"python": platform.python_version()}
+    for name in names:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,123 @@
+"""What a term of the problem sees: the symbols of one frame, and how it answers.
+
+A term never sees the problem, the solver, a frame index or a scaling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.validation import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariableSpec:
+    """Unknowns that a term or muscle model adds to every frame.
+
+    Attributes
+    ----------
+    name : str
+        Key in ``frame.variables`` of the term that asked for them.
+    labels : tuple of str
+        One name per unknown; their number is the number of unknowns.
+    lower, upper, guess : float or ndarray, shape (n,) or (n_frames, n)
+        Bounds and starting point.
+    scale : float or ndarray, shape (n,)
+        Size of a meaningful change; the solver sees the unknown divided by it.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    lower: float | FloatArray = -np.inf
+    upper: float | FloatArray = np.inf
+    guess: float | FloatArray = 0.0
+    scale: float | FloatArray = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MuscleState:
+    """What the muscle model says of one frame; columns of shape (n_muscles, 1).
+
+    Attributes
+    ----------
+    tendon_force : ca.SX [N]
+        Tension that acts on the bones.
+    passive_force : ca.SX [N]
+        Share of `tendon_force` that does not depend on activation; zeros where there is none.
+    fiber_length, pennation_angle : ca.SX or None [m], [rad]
+        Known to models with a fiber.
+    fiber_stiffness : ca.SX or None [N/m]
+        Change of fiber force with fiber length at constant activation and velocity.
+    """
+
+    tendon_force: ca.SX
+    passive_force: ca.SX
+    fiber_length: ca.SX | None = None
+    pennation_angle: ca.SX | None = None
+    fiber_stiffness: ca.SX | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """Symbols of one frame. Columns of shape (n, 1) unless a shape is given.
+
+    Attributes
+    ----------
+    activation : ca.SX, shape (n_muscles, 1) [-]
+        Unknown.
+    control : ca.SX, shape (n_actuators, 1) [-]
+        Unknown: controls of reserves and other actuators; force = control × optimal force.
+    moment_arms : ca.SX, shape (n_coordinates, n_muscles) [m]
+        Given.
+    actuator_generalized_forces : ca.SX, shape (n_coordinates, n_actuators) [N·m or N]
+        Given, per unit control.
+    generalized_forces : ca.SX, shape (n_coordinates, 1) [N·m or N]
+        Given: what muscles and actuators must produce.
+    muscle_tendon_length, muscle_tendon_velocity : ca.SX, shape (n_muscles, 1) [m], [m/s]
+        Given.
+    muscle : MuscleState
+        The muscle model's answer.
+    variables : mapping of str to ca.SX
+        Unknowns that this term asked for.
+    data : mapping of str to ca.SX
+        Per-frame data that this term asked for.
+    """
+
+    activation: ca.SX
+    control: ca.SX
+    moment_arms: ca.SX
+    actuator_generalized_forces: ca.SX
+    generalized_forces: ca.SX
+    muscle_tendon_length: ca.SX
+    muscle_tendon_velocity: ca.SX
+    muscle: MuscleState
+    variables: Mapping[str, ca.SX] = field(default_factory=dict)
+    data: Mapping[str, ca.SX] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """Inequalities or equations: ``lower <= value <= upper``, row by row.
+
+    Attributes
+    ----------
+    value : ca.SX, shape (n_rows, 1)
+    lower, upper : float or ndarray, shape (n_rows,)
+    names : sequence of str
+        One per row: a coordinate, a joint axis, a muscle.
+    unit : str or sequence of str
+        Unit of the rows, for reports.
+    scale : float
+        A meaningful residual in the row's unit; the solver sees the row divided by it.
+    """
+
+    value: ca.SX
+    lower: float | FloatArray
+    upper: float | FloatArray
+    names: Sequence[str]
+    unit: str | Sequence[str] = ""
+    scale: float = 1.0

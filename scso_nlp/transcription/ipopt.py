@@ -1,0 +1,123 @@
+"""IPOPT, called with numbers; its answers as numbers and a status."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.solution import Status
+from scso_nlp.transcription.build import Nlp
+from scso_nlp.validation import FloatArray
+
+_LOG = logging.getLogger("scso_nlp")
+
+_STATUS = {
+    "Solve_Succeeded": Status.SOLVED,
+    "Feasible_Point_Found": Status.SOLVED,
+    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.ITERATION_LIMIT,
+    "Not_Enough_Degrees_Of_Freedom": Status.INFEASIBLE,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverOptions:
+    """Options of both solvers.
+
+    Attributes
+    ----------
+    tolerance : float
+        IPOPT's scaled optimality tolerance.
+    max_iterations : int
+        Per program: the whole trajectory, or one frame.
+    ipopt : mapping of str to number or str
+        Further IPOPT options by their own names; they win.
+    """
+
+    tolerance: float = 1e-8
+    max_iterations: int = 500
+    ipopt: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise ProblemError(f"tolerance is {self.tolerance:g}, expected a number between 0 and 1")
+        if self.max_iterations < 1:
+            raise ProblemError(f"max_iterations is {self.max_iterations}, expected at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IpoptAnswer:
+    """Last iterate, multipliers of the rows, status and iteration count of one call."""
+
+    x: FloatArray
+    lam_g: FloatArray
+    status: Status
+    iterations: int
+
+
+def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
+    """Make the solver function of a program."""
+    ipopt: dict[str, object] = {
+        "tol": options.tolerance,
+        "max_iter": options.max_iterations,
+        # Powers with a broken exponent are not defined below a bound of 0.
+        "bound_relax_factor": 0.0,
+        "mu_strategy": "monotone" if nlp.rows_are_affine else "adaptive",
+        "print_level": 0,
+        "sb": "yes",
+    }
+    if nlp.rows_are_affine:
+        ipopt |= {"jac_c_constant": "yes", "jac_d_constant": "yes"}
+        if nlp.objective_is_quadratic:
+            ipopt["hessian_constant"] = "yes"
+    if _LOG.isEnabledFor(logging.DEBUG):
+        ipopt["print_level"] = 5
+    ipopt |= dict(options.ipopt)
+    casadi_options = {"ipopt": ipopt, "print_time": False, "error_on_fail": False}
+    try:
+        return ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, casadi_options)
+    except RuntimeError as error:
+        last = str(error).strip().splitlines()[-1]
+        raise ProblemError(f"IPOPT refused its options or the program: {last}") from None
+
+
+def call_ipopt(
+    solver: ca.Function,
+    *,
+    x0: FloatArray,
+    p: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    row_bounds: tuple[FloatArray, FloatArray],
+) -> IpoptAnswer:
+    """Solve once.
+
+    Parameters
+    ----------
+    solver : ca.Function
+    x0 : ndarray, shape (n_unknowns,)
+    p : ndarray, shape (n_parameters,)
+    bounds : pair of ndarray, shape (n_unknowns,)
+    row_bounds : pair of ndarray, shape (n_rows,)
+
+    Returns
+    -------
+    IpoptAnswer
+    """
+    answer = solver(x0=x0, p=p, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
+    stats = solver.stats()
+    status = _STATUS.get(stats["return_status"], Status.NUMERICAL_ERROR)
+    _LOG.debug("IPOPT: %s after %d iterations", stats["return_status"], stats["iter_count"])
+    x = np.asarray(answer["x"]).ravel()
+    if not np.isfinite(x).all():
+        status = Status.NUMERICAL_ERROR
+    return IpoptAnswer(
+        x=x, lam_g=np.asarray(answer["lam_g"]).ravel(), status=status, iterations=int(stats["iter_count"])
+    )

@@ -1,0 +1,215 @@
+"""Where each unknown stands, and the symbols that stand for one frame's unknowns and data.
+
+The only place where arrays (frames first) and columns of symbols (one frame each) meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.exceptions import DataError
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.transcription.frame import Frame, MuscleState, VariableSpec
+from scso_nlp.validation import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Consecutive unknowns of one frame: where they stand, their bounds, guess and scale."""
+
+    owner: str
+    spec: VariableSpec
+    start: int
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.spec.labels)
+
+    @property
+    def columns(self) -> slice:
+        """Where they stand among the unknowns of a frame."""
+        return slice(self.start, self.start + self.size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """All unknowns of one frame, in order."""
+
+    blocks: tuple[Block, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of one frame."""
+        return sum(block.size for block in self.blocks)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each unknown."""
+        return tuple(label for block in self.blocks for label in block.spec.labels)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Scale of each unknown, shape (size,)."""
+        return np.concatenate(
+            [np.broadcast_to(b.spec.scale, (b.size,)) for b in self.blocks] or [np.zeros(0)]
+        )
+
+    def rows(self, what: str, n_frames: int) -> FloatArray:
+        """Collect ``"lower"``, ``"upper"`` or ``"guess"`` of every frame, shape (n_frames, size)."""
+        parts = [np.broadcast_to(getattr(b.spec, what), (n_frames, b.size)) for b in self.blocks]
+        return np.concatenate([np.zeros((n_frames, 0)), *parts], axis=1)
+
+    def split(self, unknowns: FloatArray) -> dict[tuple[str, str], FloatArray]:
+        """Cut unknowns (n_frames, size) into arrays by owner and name."""
+        return {(b.owner, b.spec.name): np.ascontiguousarray(unknowns[:, b.columns]) for b in self.blocks}
+
+    def join(self, parts: Mapping[tuple[str, str], FloatArray], default: FloatArray) -> FloatArray:
+        """Put arrays by owner and name back into unknowns; what is absent comes from `default`."""
+        unknowns = np.array(default, dtype=float)
+        for b in self.blocks:
+            part = parts.get((b.owner, b.spec.name))
+            if part is not None and part.shape == (len(unknowns), b.size):
+                unknowns[:, b.columns] = part
+        return unknowns
+
+
+#: Owner of the unknowns and data that every problem has.
+PROBLEM = "problem"
+
+
+def make_layout(problem: MuscleForceProblem) -> Layout:
+    """Order the unknowns: activations, controls, then those of the muscle model and of each term."""
+    muscles, actuators = problem.muscles, problem.actuators
+    guess = np.clip(0.1, muscles.min_activation, muscles.max_activation)
+    wanted = [
+        (
+            PROBLEM,
+            VariableSpec(
+                name="activation",
+                labels=muscles.muscles,
+                lower=muscles.min_activation,
+                upper=muscles.max_activation,
+                guess=guess,
+            ),
+        ),
+        (
+            PROBLEM,
+            VariableSpec(
+                name="control",
+                labels=actuators.actuators,
+                lower=actuators.min_control,
+                upper=actuators.max_control,
+                guess=np.clip(0.0, actuators.min_control, actuators.max_control),
+            ),
+        ),
+    ]
+    for term in (problem.muscle_model, *problem.objectives, *problem.constraints):
+        wanted += [(term.name, spec) for spec in term.variables(problem)]
+    blocks, start = [], 0
+    for owner, spec in wanted:
+        blocks.append(Block(owner=owner, spec=spec, start=start))
+        start += len(spec.labels)
+    return Layout(blocks=tuple(blocks))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSymbols:
+    """Symbols of one frame and the numbers that go into them.
+
+    Attributes
+    ----------
+    unknowns : ca.SX, shape (size, 1)
+        The solver's unknowns: each is the physical one divided by its scale.
+    data : mapping of (owner, name) to ca.SX
+        Symbols of the given quantities.
+    """
+
+    layout: Layout
+    unknowns: ca.SX
+    data: Mapping[tuple[str, str], ca.SX]
+
+    def frame(self, problem: MuscleForceProblem) -> Frame:
+        """Make the frame that the muscle model has completed."""
+        bare = self._for(problem.muscle_model.name, self._bare())
+        state = problem.muscle_model.state(bare, problem)
+        return replace(self._bare(), muscle=state)
+
+    def for_term(self, name: str, frame: Frame) -> Frame:
+        """Give a frame the unknowns and data of one term."""
+        return self._for(name, frame)
+
+    def _physical(self, block: Block) -> ca.SX:
+        scale = ca.DM(np.broadcast_to(block.spec.scale, (block.size,)).astype(float))
+        return self.unknowns[block.columns] * scale if block.size else ca.SX(0, 1)
+
+    def _bare(self) -> Frame:
+        by_name = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == PROBLEM}
+        given = {name: symbol for (owner, name), symbol in self.data.items() if owner == PROBLEM}
+        nothing = MuscleState(tendon_force=ca.SX(0, 1), passive_force=ca.SX(0, 1))
+        return Frame(**by_name, **given, muscle=nothing)
+
+    def _for(self, owner: str, frame: Frame) -> Frame:
+        variables = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == owner}
+        data = {name: symbol for (own, name), symbol in self.data.items() if own == owner}
+        return replace(frame, variables=variables, data=data)
+
+
+def make_symbols(
+    problem: MuscleForceProblem,
+    layout: Layout,
+    arrays: Mapping[tuple[str, str], FloatArray],
+    suffix: str = "",
+) -> FrameSymbols:
+    """Create the symbols of one frame for the given data arrays (frames first)."""
+    data = {key: ca.SX.sym(f"{key[1]}{suffix}", *_shape(array)) for key, array in arrays.items()}
+    return FrameSymbols(layout=layout, unknowns=ca.SX.sym(f"x{suffix}", layout.size), data=data)
+
+
+def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArray]:
+    """All given arrays of a problem by owner and name, frames first."""
+    trajectory = problem.trajectory
+    arrays: dict[tuple[str, str], FloatArray] = {
+        (PROBLEM, name): getattr(trajectory, name)
+        for name in (
+            "moment_arms",
+            "actuator_generalized_forces",
+            "generalized_forces",
+            "muscle_tendon_length",
+            "muscle_tendon_velocity",
+        )
+    }
+    for term in (problem.muscle_model, *problem.objectives, *problem.constraints):
+        for name, values in term.data(problem).items():
+            array = np.asarray(values, dtype=float)
+            if array.ndim == 0 or array.shape[0] != trajectory.n_frames:
+                raise DataError(
+                    f"data {name!r} of {term.name} has shape {array.shape}, expected "
+                    f"{trajectory.n_frames} frames first"
+                )
+            if not np.isfinite(array).all():
+                frame = int(np.argwhere(~np.isfinite(array))[0][0])
+                raise DataError(
+                    f"data {name!r} of {term.name} is not finite at frame {frame} "
+                    f"(t = {trajectory.time[frame]:g} s)"
+                )
+            arrays[(term.name, name)] = array
+    return arrays
+
+
+def as_columns(array: FloatArray) -> FloatArray:
+    """Turn (n_frames, …) into one column per frame, in the column-major order of the symbols."""
+    if array.ndim == 3:
+        array = array.transpose(0, 2, 1)
+    return np.ascontiguousarray(array.reshape(len(array), -1).T)
+
+
+def _shape(array: FloatArray) -> tuple[int, int]:
+    inner = array.shape[1:]
+    if len(inner) > 2:
+        raise DataError(f"per-frame data of shape {inner} has more than two axes")
+    return (*inner, 1, 1)[:2] if inner else (1, 1)
