@@ -1,0 +1,419 @@
+"""Write a solution in OpenSim's own file formats, with statuses, stability, a report and figures.
+
+The files of one run appear whole or not at all: all of them are written into a temporary folder beside the
+target first. ``report.json`` leaves first and arrives last, so a folder that holds one is complete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import json
+import math
+import os
+import re
+import shutil
+import uuid
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from scso_nlp.analysis.moment_balance import moment_balance
+from scso_nlp.analysis.stability_margin import StabilityMargin, stability_margin
+from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.io.storage import Storage, write_storage
+from scso_nlp.solution import RowResult, Solution, Status
+from scso_nlp.validation import FloatArray
+
+#: Numbers that stand for a frame's status in the status file.
+STATUS_CODES = {
+    Status.SOLVED: 0,
+    Status.ACCEPTABLE: 1,
+    Status.INFEASIBLE: 2,
+    Status.ITERATION_LIMIT: 3,
+    Status.NUMERICAL_ERROR: 4,
+}
+#: Violation of a frame that has no iterate, in the status file: OpenSim's Storage stops reading at NaN.
+NO_ITERATE = -1.0
+#: Version of the layout of ``report.json``.
+REPORT_VERSION = 1
+
+_ACTIVATION_DESCRIPTION = "This file contains static optimization results.\n\n"
+_FORCE_DESCRIPTION = (
+    "\nThis file contains the forces exerted on a model during a simulation.\n\n"
+    "A force is a generalized force, meaning that it can be either a force (N) or a torque (Nm).\n\n"
+    "Units are S.I. units (second, meters, Newtons, ...)\n"
+    "If the header above contains a line with 'inDegrees', this indicates whether rotational values are in "
+    "degrees (yes) or radians (no).\n\n"
+)
+_STABILITY_DESCRIPTION = (
+    "Per joint axis: stability S, level and margin S - level in N.m/rad; and, where the solver gives\n"
+    "one, the multiplier: the cost in the objective per N.m/rad of extra stability.\n"
+)
+_CONTROL_HEAD = """\t\t\t<ControlLinear name={name}>
+\t\t\t\t<is_model_control>true</is_model_control>
+\t\t\t\t<extrapolate>true</extrapolate>
+\t\t\t\t<default_min>0.02</default_min>
+\t\t\t\t<default_max>1</default_max>
+\t\t\t\t<filter_on>false</filter_on>
+\t\t\t\t<use_steps>false</use_steps>
+\t\t\t\t<x_nodes>
+"""
+_CONTROL_NODE = """\t\t\t\t\t<ControlLinearNode>
+\t\t\t\t\t\t<t>{time}</t>
+\t\t\t\t\t\t<value>{value}</value>
+\t\t\t\t\t</ControlLinearNode>
+"""
+_CONTROL_TAIL = """\t\t\t\t</x_nodes>
+\t\t\t\t<min_nodes />
+\t\t\t\t<max_nodes />
+\t\t\t\t<kp>100</kp>
+\t\t\t\t<kv>20</kv>
+\t\t\t</ControlLinear>
+"""
+#: One format to look at, one to print.
+_FIGURE_FORMATS = ("png", "pdf")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What the report says beyond the solution itself.
+
+    Attributes
+    ----------
+    inputs : mapping of str to str
+        SHA-256 of every input file, by path.
+    settings : mapping of str to object
+        Settings of the run.
+    seconds : mapping of str to float [s]
+        Wall times beside those of the solver, e.g. of the extraction.
+    notes : tuple of str
+        What was assumed or approximated, one sentence each.
+    """
+
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, object] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def write_solution(
+    solution: Solution,
+    folder: str | os.PathLike[str],
+    *,
+    analysis_name: str = "StaticOptimization",
+    record: RunRecord | None = None,
+    keep_failed: bool = False,
+    baseline: Solution | None = None,
+    figures: bool = True,
+) -> tuple[Path, ...]:
+    """Write all result files of a solution, whole or not at all.
+
+    With the trajectory's name N and the analysis name A: ``N_A_activation.sto``, ``N_A_force.sto`` and
+    ``N_A_controls.xml`` with OpenSim's titles and columns, ``N_stability.sto`` if there are stability rows,
+    ``N_status.sto``, ``report.json`` and figures.
+
+    Parameters
+    ----------
+    solution : Solution
+    folder : path
+        Made if it is not there. Files of an earlier run of the same name are removed; other files stay.
+    analysis_name : str
+        OpenSim's name of the analysis.
+    record : RunRecord, optional
+        Input hashes, settings, times and notes for the report.
+    keep_failed : bool
+        Write results although some frame is not solved; those frames are NaN in every result file.
+        Without it such a run leaves the status file and the report only.
+    baseline : Solution, optional
+        Of the same motion; drawn in the figures, not written.
+    figures : bool
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
+
+    Raises
+    ------
+    DataError
+        A name that cannot be part of a file name, or files that cannot be written.
+    NameMismatchError
+        A column of the force file that is no muscle, no actuator and no other force.
+
+    Notes
+    -----
+    OpenSim's ``Storage`` reads a file up to the first NaN, so files with failed frames are for other
+    readers.
+    """
+    name = solution.problem.trajectory.name
+    for part in (name, analysis_name):
+        _check_name(part)
+    folder = Path(os.path.abspath(folder))
+    temporary = folder.parent / f".{folder.name}.{uuid.uuid4().hex}.tmp"
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if folder.exists() and not folder.is_dir():
+            raise DataError(f"{folder} is a file, expected a folder for the results")
+        temporary.mkdir()
+        if keep_failed or solution.is_solved.all():
+            _write_results(solution, temporary, analysis_name)
+            if figures:
+                _write_figures(solution, temporary, baseline)
+        _write_status(solution, temporary / f"{name}_status.sto")
+        files = {path.name: _sha256(path) for path in sorted(temporary.iterdir())}
+        report = _report(solution, record or RunRecord(), files)
+        text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
+        (temporary / "report.json").write_text(text + "\n", encoding="utf-8")
+        _move(temporary, folder, _own_files(name, analysis_name))
+    except OSError as error:
+        raise DataError(f"results cannot be written to {folder}: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return tuple(folder / file for file in (*files, "report.json"))
+
+
+def _check_name(name: str) -> None:
+    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or not c.isprintable() for c in name):
+        raise DataError(
+            f"the name {name!r} cannot start a file name, expected printable characters without slashes"
+        )
+
+
+def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
+    """Match every file that a run of this name may have written."""
+    own, analysis = re.escape(name), re.escape(analysis_name)
+    return re.compile(
+        rf"{own}_{analysis}_(activation\.sto|force\.sto|controls\.xml)|{own}_(stability|status)\.sto"
+        rf"|{own}_(activations|moments|stability)\.({'|'.join(_FIGURE_FORMATS)})"
+    )
+
+
+def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
+    """Put the files of `source` in place of those in `target` that match `own`."""
+    if not target.exists():
+        os.replace(source, target)
+        return
+    with contextlib.suppress(FileNotFoundError):
+        (target / "report.json").unlink()
+    for path in target.iterdir():
+        if own.fullmatch(path.name):
+            path.unlink()
+    for path in sorted(source.iterdir(), key=lambda path: path.name == "report.json"):
+        os.replace(path, target / path.name)
+
+
+def _write_results(solution: Solution, folder: Path, analysis_name: str) -> None:
+    trajectory = solution.problem.trajectory
+    start = f"{trajectory.name}_{analysis_name}"
+    failed = ~solution.is_solved
+    columns = trajectory.force_columns or (
+        *trajectory.muscles,
+        *trajectory.actuators,
+        *trajectory.other_force_labels,
+    )
+    unknowns = _by_name(solution, solution.activation, solution.control)
+    labels = tuple(name for name in columns if name in unknowns)
+    labels += tuple(name for name in unknowns if name not in labels)
+    activations = _table(labels, unknowns, failed)
+    others = dict(zip(trajectory.other_force_labels, trajectory.other_forces.T, strict=True))
+    forces = {**others, **_by_name(solution, solution.tendon_force, solution.actuator_force)}
+    missing = [name for name in columns if name not in forces]
+    if missing:
+        raise NameMismatchError(
+            f"the force file needs {', '.join(missing)}, which are no muscle, actuator or other force"
+        )
+    _write_table(
+        folder / f"{start}_activation.sto",
+        "Static Optimization",
+        labels,
+        trajectory.time,
+        activations,
+        _ACTIVATION_DESCRIPTION,
+    )
+    _write_table(
+        folder / f"{start}_force.sto",
+        "ModelForces",
+        columns,
+        trajectory.time,
+        _table(columns, forces, failed),
+        _FORCE_DESCRIPTION,
+    )
+    controls = _controls_xml(labels, trajectory.time, activations)
+    (folder / f"{start}_controls.xml").write_text(controls, encoding="utf-8")
+    margin = stability_margin(solution)
+    if margin is not None:
+        _write_stability(margin, trajectory.time, folder / f"{trajectory.name}_stability.sto")
+
+
+def _by_name(solution: Solution, of_muscles: FloatArray, of_actuators: FloatArray) -> dict[str, FloatArray]:
+    trajectory = solution.problem.trajectory
+    columns = dict(zip(trajectory.muscles, of_muscles.T, strict=True))
+    return columns | dict(zip(trajectory.actuators, of_actuators.T, strict=True))
+
+
+def _table(labels: tuple[str, ...], columns: Mapping[str, FloatArray], failed: np.ndarray) -> FloatArray:
+    table = np.empty((failed.size, len(labels)))
+    for i, label in enumerate(labels):
+        table[:, i] = columns[label]
+    table[failed] = np.nan
+    return table
+
+
+def _write_table(
+    path: Path,
+    title: str,
+    labels: tuple[str, ...],
+    time: FloatArray,
+    values: FloatArray,
+    description: str,
+) -> None:
+    storage = Storage(
+        name=title, labels=labels, time=time, values=values, in_degrees=False, description=description
+    )
+    write_storage(storage, path, allow_nonfinite=True)
+
+
+def _controls_xml(labels: tuple[str, ...], time: FloatArray, values: FloatArray) -> str:
+    """Text of a ControlSet with one linear control per actuator, as OpenSim 4.6 writes it."""
+    pieces = [
+        '<?xml version="1.0" encoding="UTF-8" ?>\n<OpenSimDocument Version="40600">\n'
+        '\t<ControlSet name="Control Set">\n\t\t<objects>\n'
+    ]
+    times = [f"{t:.17g}" for t in time]
+    for i, label in enumerate(labels):
+        pieces.append(_CONTROL_HEAD.format(name=quoteattr(label)))
+        pieces += [
+            _CONTROL_NODE.format(time=t, value="NaN" if math.isnan(value) else f"{value:.17g}")
+            for t, value in zip(times, values[:, i].tolist(), strict=True)
+        ]
+        pieces.append(_CONTROL_TAIL)
+    pieces.append("\t\t</objects>\n\t\t<groups />\n\t</ControlSet>\n</OpenSimDocument>\n")
+    return "".join(pieces)
+
+
+def _write_stability(margin: StabilityMargin, time: FloatArray, path: Path) -> None:
+    labels: list[str] = []
+    columns: list[FloatArray] = []
+    for r, row in enumerate(margin.rows):
+        labels += [f"{row}_stability", f"{row}_level", f"{row}_margin"]
+        columns += [margin.stability[:, r], np.full(time.size, margin.level[r]), margin.margin[:, r]]
+        solved = np.isfinite(margin.stability[:, r])
+        if np.isfinite(margin.multiplier[solved, r]).all():
+            labels.append(f"{row}_multiplier")
+            columns.append(margin.multiplier[:, r])
+    values = np.column_stack(columns)
+    values[np.isnan(margin.stability).all(axis=1)] = np.nan
+    _write_table(path, "Joint Stability", tuple(labels), time, values, _STABILITY_DESCRIPTION)
+
+
+def _write_status(solution: Solution, path: Path) -> None:
+    codes = [f"{code} {status.name}: {status.value}\n" for status, code in STATUS_CODES.items()]
+    description = (
+        "One status per frame:\n" + "".join(codes) + "Violations in each constraint's own unit "
+        f"(N.m, N or N.m/rad), {NO_ITERATE:g} where there is no iterate.\n"
+    )
+    columns = {"status": np.array([float(STATUS_CODES[status]) for status in solution.frame_status])}
+    columns |= {f"violation_{name}": _violation(rows) for name, rows in solution.rows.items()}
+    values = np.column_stack(list(columns.values()))
+    time = solution.problem.trajectory.time
+    _write_table(path, "Solver Status", tuple(columns), time, values, description)
+
+
+def _violation(rows: RowResult) -> FloatArray:
+    """Largest violation of each frame, shape (n_frames,) [the row's unit]."""
+    excess = np.maximum(rows.lower - rows.value, rows.value - rows.upper)
+    excess = np.where(np.isfinite(excess), np.maximum(excess, 0.0), NO_ITERATE)
+    return excess.max(axis=1, initial=NO_ITERATE)
+
+
+def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
+    # matplotlib takes half a second to import, and only figures need it
+    from scso_nlp.analysis.plots import plot_activations, plot_moments, plot_stability
+
+    drawn = {
+        "activations": plot_activations(solution, baseline=baseline),
+        "moments": plot_moments(solution),
+    }
+    margin = stability_margin(solution)
+    if margin is not None and margin.rows:
+        drawn["stability"] = plot_stability(solution, baseline=baseline)
+    for what, figure in drawn.items():
+        for kind in _FIGURE_FORMATS:
+            figure.savefig(folder / f"{solution.problem.trajectory.name}_{what}.{kind}")
+
+
+def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:
+    problem = solution.problem
+    trajectory = problem.trajectory
+    balance = moment_balance(solution)
+    statuses = solution.frame_status
+    counts = {status.name: statuses.count(status) for status in Status if status in statuses}
+    report = {
+        "program": "scso_nlp",
+        "report_version": REPORT_VERSION,
+        "written": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "name": trajectory.name,
+        "summary": solution.summary(),
+        "status": solution.status.name,
+        "problem": {
+            "frames": trajectory.n_frames,
+            "initial_time": trajectory.time[0],
+            "final_time": trajectory.time[-1],
+            "muscles": len(trajectory.muscles),
+            "actuators": len(trajectory.actuators),
+            "coordinates": list(trajectory.coordinates),
+            "muscle_model": repr(problem.muscle_model),
+            "objectives": [repr(term) for term in problem.objectives],
+            "constraints": [repr(term) for term in problem.constraints],
+        },
+        "settings": dict(record.settings),
+        "inputs_sha256": dict(record.inputs),
+        "files_sha256": dict(files),
+        "versions": dict(solution.report.versions),
+        "solver": {
+            "name": solution.report.solver,
+            "options": dict(solution.report.options),
+            "iterations": solution.report.iterations,
+        },
+        "seconds": {
+            **record.seconds,
+            "build": solution.report.build_seconds,
+            "solve": solution.report.solve_seconds,
+        },
+        "objective": {"total": solution.objective, "terms": dict(solution.objective_terms)},
+        "largest_violation": dict(solution.violation),
+        "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
+        "status_counts": counts,
+        "frame_status": [status.name for status in statuses],
+        "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
+        "notes": list(record.notes),
+    }
+    plain: dict[str, Any] = _plain(report)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """Turn NumPy numbers, tuples and paths into what JSON has; NaN becomes null, infinity text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

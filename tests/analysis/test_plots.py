@@ -1,0 +1,178 @@
+"""Figures say what the solution holds, need no display and leave no trace."""
+
+import sys
+import threading
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from solution_by_hand import antagonists, solution_by_hand
+
+from scso_nlp.analysis.moment_balance import moment_balance
+from scso_nlp.analysis.plots import HorizontalAxis, plot_activations, plot_moments, plot_stability
+from scso_nlp.analysis.stability_margin import stability_margin
+from scso_nlp.exceptions import DataError, NameMismatchError
+
+
+def lines(panel):
+    return {line.get_label(): line for line in panel.get_lines() if not line.get_label().startswith("_")}
+
+
+def test_every_muscle_has_one_titled_panel_with_its_own_activation():
+    solution = solution_by_hand(n_pairs=3)
+    figure = plot_activations(solution)
+    titles = [panel.get_title(loc="left") for panel in figure.axes]
+    assert tuple(titles) == solution.problem.trajectory.muscles
+    for m, panel in enumerate(figure.axes):
+        (line,) = panel.get_lines()
+        np.testing.assert_array_equal(line.get_ydata(), solution.activation[:, m])
+        np.testing.assert_array_equal(line.get_xdata(), solution.problem.trajectory.time)
+
+
+def test_the_baseline_is_drawn_and_named():
+    figure = plot_activations(solution_by_hand(), baseline=solution_by_hand(stability=False, tonus=0.0))
+    panel = lines(figure.axes[0])
+    assert set(panel) == {"static optimization", "with stability rows"}
+    assert panel["static optimization"].get_ydata()[0] == 0.0
+    assert panel["with stability rows"].get_ydata()[0] == 0.05
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert set(texts) == set(panel)
+
+
+def test_frames_that_are_not_solved_are_blank_and_shaded():
+    solution = solution_by_hand(n_frames=7, failed=(2, 3, 6))
+    for figure in (plot_activations(solution), plot_stability(solution)):
+        panel = figure.axes[0]
+        curve = lines(panel)["solution" if "solution" in lines(panel) else "with stability rows"]
+        assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [2, 3, 6]
+        spans = [patch for patch in panel.patches if patch.get_label() == "not solved"]
+        # 2 and 3 share one span, 6 has its own
+        assert len(spans) == 2
+
+
+def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
+    solution = solution_by_hand(n_pairs=2)
+    figure = plot_moments(solution)
+    for c, panel in enumerate(figure.axes):
+        drawn = lines(panel)
+        required = solution.problem.trajectory.generalized_forces[:, c]
+        np.testing.assert_array_equal(drawn["required"].get_ydata(), required)
+        np.testing.assert_allclose(drawn["muscles"].get_ydata(), 0.9 * required, atol=1e-12)
+        np.testing.assert_allclose(drawn["reserves"].get_ydata(), 0.1 * required, atol=1e-12)
+        assert panel.get_title(loc="left") == f"hinge_{c} [N·m]\nreserves: 10 %"
+
+
+def test_active_frames_of_a_stability_row_are_marked():
+    solution = solution_by_hand()
+    figure = plot_stability(solution, baseline=solution_by_hand(stability=False, tonus=0.0))
+    (panel,) = figure.axes
+    drawn = lines(panel)
+    # at level 10 the row is active where the moment is zero: frames 0, 2 and 4
+    np.testing.assert_allclose(drawn["row active"].get_xdata(), [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(drawn["with stability rows"].get_ydata(), [0, 9, 0, 9, 0], atol=1e-12)
+    np.testing.assert_allclose(drawn["static optimization"].get_ydata(), [-10, -1, -10, -1, -10], atol=1e-12)
+
+
+def test_no_stability_rows_is_an_error_that_says_so():
+    with pytest.raises(DataError, match="no stability rows"):
+        plot_stability(solution_by_hand(stability=False))
+
+
+def test_a_baseline_of_another_motion_is_refused():
+    with pytest.raises(NameMismatchError, match="other muscles or another number of frames"):
+        plot_activations(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
+    with pytest.raises(NameMismatchError, match="differ in muscles or frames"):
+        plot_stability(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
+
+
+def test_the_horizontal_axis_can_be_something_else_than_time():
+    axis = HorizontalAxis(values=np.linspace(0, 100, 5), label="Gait cycle [%]")
+    figure = plot_activations(solution_by_hand(), horizontal=axis)
+    np.testing.assert_array_equal(figure.axes[0].get_lines()[0].get_xdata(), np.linspace(0, 100, 5))
+    assert figure.get_supxlabel() == "Gait cycle [%]"
+    with pytest.raises(DataError, match="must increase"):
+        plot_moments(solution_by_hand(), horizontal=replace(axis, values=[0, 1, 2, 1, 3]))
+    with pytest.raises(DataError, match="n_frames"):
+        plot_moments(solution_by_hand(), horizontal=replace(axis, values=[0, 1]))
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 200])
+def test_titles_scales_and_legend_do_not_overlap_with_eighty_muscles(n_frames):
+    solution = solution_by_hand(n_frames=n_frames, n_pairs=40, name="walking3d")
+    figure = plot_activations(solution)
+    assert len(figure.axes) == 80
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    titles = [panel._left_title.get_window_extent(renderer) for panel in figure.axes]
+    boxes = [panel.get_window_extent(renderer) for panel in figure.axes]
+    legend = figure.legends[0].get_window_extent(renderer)
+    page = figure.bbox
+    for i, title in enumerate(titles):
+        assert page.x0 <= title.x0
+        assert title.x1 <= page.x1
+        assert not legend.overlaps(boxes[i])
+        for j, other in enumerate(titles):
+            assert i == j or not title.overlaps(other)
+            assert not title.overlaps(boxes[j])
+
+
+def test_figures_are_made_without_pyplot_and_in_threads():
+    before = dict(matplotlib.rcParams)
+    errors = []
+
+    def draw():
+        try:
+            FigureCanvasAgg(plot_moments(solution_by_hand())).draw()
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=draw) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    assert dict(matplotlib.rcParams) == before
+    if "matplotlib.pyplot" in sys.modules:
+        assert not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+def test_the_moment_balance_adds_up_and_knows_its_unit():
+    solution = solution_by_hand(n_pairs=2, failed=(1,))
+    balance = moment_balance(solution)
+    assert balance.unit == ("N·m", "N·m")
+    solved = solution.is_solved
+    np.testing.assert_allclose(
+        (balance.muscles + balance.actuators)[solved], balance.required[solved], atol=1e-12
+    )
+    assert np.isnan(balance.muscles[1]).all()
+    np.testing.assert_allclose(balance.actuator_share, 0.1, rtol=1e-12)
+
+
+def test_a_coordinate_that_needs_no_moment_has_no_share():
+    solution = solution_by_hand()
+    trajectory = replace(solution.problem.trajectory, generalized_forces=np.zeros((5, 1)))
+    solution = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
+    assert np.isnan(moment_balance(solution).actuator_share).all()
+
+
+def test_stability_of_a_baseline_is_evaluated_at_its_own_forces():
+    solution, baseline = solution_by_hand(), solution_by_hand(stability=False, tonus=0.02)
+    assert stability_margin(baseline) is None
+    margin = stability_margin(baseline, rows_of=solution)
+    # two muscles of 20 N at 0.1 N·m/rad per newton where the moment is zero
+    assert margin.stability[0, 0] == pytest.approx(4.0)
+    assert margin.margin[0, 0] == pytest.approx(-6.0)
+    own = stability_margin(solution, rows_of=solution)
+    np.testing.assert_array_equal(own.stability, solution.rows["JointStability"].value)
+    assert own.is_active[:, 0].tolist() == [True, False, True, False, True]
+
+
+def test_the_motion_made_by_hand_has_one_hinge_per_pair():
+    trajectory, muscles, actuators = antagonists(3, n_pairs=2)
+    assert trajectory.n_frames == 3
+    assert muscles.n_muscles == 4
+    assert actuators.n_actuators == 2
