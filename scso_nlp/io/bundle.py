@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import typing
 import uuid
 import zipfile
 import zlib
@@ -23,16 +24,12 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
-from scso_nlp.trajectory import MotionTrajectory, Skeleton
+from scso_nlp.trajectory import MotionTrajectory
 
 #: Written into every bundle; a reader refuses other formats and later versions.
 FORMAT, FORMAT_VERSION = "scso_nlp motion bundle", 1
 #: Name of the JSON header among the arrays.
 HEADER = "header"
-#: Classes by the name they have in a bundle.
-PARTS = {"trajectory": MotionTrajectory, "muscles": MuscleParameters, "actuators": ActuatorParameters}
-#: Data classes that are fields of other data classes.
-NESTED = {"skeleton": Skeleton}
 
 _Data = TypeVar("_Data")
 
@@ -98,7 +95,7 @@ def save_bundle(
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
     try:
         with open(temporary, "xb") as file:
-            np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+            np.savez(file, allow_pickle=False, **arrays)
         os.replace(temporary, path)
     except OSError as error:
         raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
@@ -127,11 +124,13 @@ def load_bundle(
     path = Path(path)
     header, arrays = _read(path)
     try:
-        parts = [_put_together(kind, name, header["values"][name], arrays) for name, kind in PARTS.items()]
+        values = header["values"]
+        trajectory = _put_together(MotionTrajectory, "trajectory", values["trajectory"], arrays)
+        muscles = _put_together(MuscleParameters, "muscles", values["muscles"], arrays)
+        actuators = _put_together(ActuatorParameters, "actuators", values["actuators"], arrays)
     except (KeyError, TypeError, ValueError, ScsoError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise FileFormatError(f"{path} is damaged: {reason}") from None
-    trajectory, muscles, actuators = parts
     return trajectory, muscles, actuators
 
 
@@ -178,18 +177,26 @@ def _plain(value: Any) -> Any:
 
 def _put_together(kind: type[_Data], prefix: str, values: dict[str, Any], arrays: dict[str, Any]) -> _Data:
     found: dict[str, Any] = {}
+    hints = typing.get_type_hints(kind)
     for item in dataclasses.fields(kind):  # type: ignore[arg-type]
         name = f"{prefix}.{item.name}"
         if name in arrays:
             found[item.name] = arrays[name]
         elif item.name in values:
             value = values[item.name]
-            if item.name in NESTED and value is not None:
-                value = _put_together(NESTED[item.name], name, value, arrays)
+            inner = _data_class(hints[item.name])
+            if inner is not None and value is not None:
+                value = _put_together(inner, name, value, arrays)
             found[item.name] = tuple(value) if isinstance(value, list) else value
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
             raise KeyError(name)
     return kind(**found)
+
+
+def _data_class(hint: Any) -> type[Any] | None:
+    """Return the data class that a field may hold, alone or in a union with None."""
+    options = typing.get_args(hint) or (hint,)
+    return next((option for option in options if dataclasses.is_dataclass(option)), None)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -53,6 +53,8 @@ PROGRESS_DELAY = 2.0
 MIN_FRAMES_PER_WORKER = 4
 #: How long a worker may take to end after it was asked to [s].
 PATIENCE = 5.0
+#: Speeds of coupled coordinates that are corrected by more than this are reported [rad/s or m/s].
+CONTRADICTION = 0.05
 #: Lines of OpenSim's log that an error message quotes.
 QUOTED_LINES = 3
 
@@ -250,8 +252,8 @@ def opensim_version() -> str:
         return importlib.metadata.version("opensim")
     except importlib.metadata.PackageNotFoundError:
         raise EngineError(
-            "OpenSim is not installed in this environment; `pip install opensim` (Python 3.11 to 3.13 on Linux "
-            "x86-64 or Windows), or solve from a bundle"
+            "OpenSim is not installed in this environment: pip install opensim (Python 3.11 to 3.13 on "
+            "Linux x86-64 or Windows), or solve from a bundle"
         ) from None
 
 
@@ -567,6 +569,7 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
     header = headers[0]
     for level, note in header["notes"]:
         logger.log(logging.getLevelNamesMapping()[level], "%s", note)
+    _report_contradictions(motion, headers)
     for part, own in enumerate(headers):
         seconds = own["seconds"]
         logger.debug(
@@ -578,7 +581,7 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
             own["peak_memory"] / 1e6,
         )
     n_points = max(result["path_point_bodies"].shape[2] for result in results)
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([_padded(name, result[name], n_points) for result in results])
         for name in results[0]
     }
@@ -596,30 +599,48 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
         load_names=tuple(header["load_names"]),
         load_bodies=np.array(header["load_bodies"], dtype=np.int64),
         virtual_rows=tuple(header["virtual_rows"]),
-        **skeleton_arrays,  # type: ignore[arg-type]
+        **skeleton_arrays,
     )
-    names = {name: tuple(header[name]) for name in ("muscles", "actuators", "coordinates")}
+    muscle_names, actuator_names = tuple(header["muscles"]), tuple(header["actuators"])
     trajectory = MotionTrajectory(
         name=motion.name,
-        **names,
+        muscles=muscle_names,
+        actuators=actuator_names,
+        coordinates=tuple(header["coordinates"]),
         is_rotational=np.array(header["is_rotational"], dtype=bool),
         force_columns=tuple(header["force_columns"]),
         other_force_labels=tuple(header["other_force_labels"]),
         skeleton=skeleton,
-        **arrays,  # type: ignore[arg-type]
+        **arrays,
     )
     parameters = header["muscle_parameters"]
     muscles = MuscleParameters(
-        muscles=names["muscles"],
+        muscles=muscle_names,
         muscle_class=tuple(parameters.pop("muscle_class")),
         curve_parameters=tuple(parameters.pop("curve_parameters")),
         **{name: np.array(values) for name, values in parameters.items()},
     )
     actuators = ActuatorParameters(
-        actuators=names["actuators"],
+        actuators=actuator_names,
         **{name: np.array(values, dtype=float) for name, values in header["actuator_parameters"].items()},
     )
     return trajectory, muscles, actuators
+
+
+def _report_contradictions(motion: MotionInput, headers: list[dict[str, Any]]) -> None:
+    worst: dict[str, float] = {}
+    for header in headers:
+        for name, change in header["contradicted_speeds"].items():
+            worst[name] = max(worst.get(name, 0.0), change)
+    large = {name: change for name, change in worst.items() if change > CONTRADICTION}
+    if large:
+        named = ", ".join(f"{name} by up to {change:.3g}" for name, change in large.items())
+        logger.warning(
+            "%s: the speeds of coupled coordinates contradict the model's constraints (%s rad/s or m/s) and "
+            "were replaced; OpenSim's static optimization uses them (keep_coupled_speeds does as it does)",
+            motion.motion,
+            named,
+        )
 
 
 def _padded(name: str, array: np.ndarray, n_points: int) -> np.ndarray:

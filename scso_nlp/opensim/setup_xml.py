@@ -66,6 +66,9 @@ class MotionInput:
         what OpenSim assumes without it (logged).
     held_coordinates : tuple of str
         Coordinates that may stay at zero because the motion has no column for them.
+    keep_coupled_speeds : bool
+        Take the speeds of coupled coordinates from the motion even where they contradict the constraints, as
+        OpenSim's static optimization does. Otherwise they follow from the free coordinates.
     stability_axes : tuple of (str, str)
         Joint and axis letter, e.g. ``("knee_r", "z")``, for which virtual rotations are computed from
         OpenSim's own paths (needed where a path wraps or moves).
@@ -85,6 +88,7 @@ class MotionInput:
     name: str = ""
     in_degrees: bool | None = None
     held_coordinates: tuple[str, ...] = ()
+    keep_coupled_speeds: bool = False
     stability_axes: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:

@@ -162,7 +162,7 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
     motion = Motion(engine, job)
     rows = np.array_split(motion.rows, job["parts"])[job["part"]]
     engine.choose_free_coordinates(motion, int(motion.rows[0]))
-    virtual = VirtualRotations(engine, job) if job["motion"]["stability_axes"] else None
+    virtual = VirtualRotations(engine, job["motion"]) if job["motion"]["stability_axes"] else None
     startup = clock.perf_counter() - started
     _tell(parent, total=len(motion.rows), share=len(rows), startup=startup)
 
@@ -172,7 +172,7 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
     for count, row in enumerate(rows, start=1):
         frame = engine.frame(motion, int(row))
         if virtual is not None:
-            frame.update(virtual.frame(motion, int(row), frame))
+            frame.update(virtual.frame(frame, engine.poses))
         frames.append(frame)
         if clock.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
             told = clock.perf_counter()
@@ -185,6 +185,7 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
     arrays: dict[str, Any] = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     header = engine.header() | {
         "notes": motion.notes + engine.notes,
+        "contradicted_speeds": engine.contradicted,
         "virtual_rows": virtual.names if virtual is not None else [],
         "seconds": {"startup": startup, "frames": clock.perf_counter() - began},
         "peak_memory": _peak_memory(),
@@ -231,6 +232,7 @@ class Motion:
     def __init__(self, engine: Engine, job: dict[str, Any]) -> None:
         osim, given = engine.osim, job["motion"]
         self.notes: list[list[str]] = []
+        self.keeps_coupled_speeds = bool(given["keep_coupled_speeds"])
         source = given["states"] or given["coordinates"]
         data = np.load(job["data"], allow_pickle=False)
         labels = json.loads(bytes(data["labels"]).decode("utf-8"))
@@ -281,7 +283,7 @@ class Motion:
                 continue
             missing.append(coordinate.getName())
         held = set(given["held_coordinates"])
-        refused = []
+        refused: list[str] = []
         for name in missing:
             share = engine.moved_mass(name)
             if name in held:
@@ -298,10 +300,9 @@ class Motion:
                 refused.append(name)
         if refused:
             raise Refusal(
-                f"{source} has no column for the coordinate{'s' if len(refused) > 1 else ''} "
-                f"{', '.join(refused)} of {os.path.basename(given['model'])} (OpenSim would hold "
-                f"{'them' if len(refused) > 1 else 'it'} at zero; name {'them' if len(refused) > 1 else 'it'} "
-                "in held_coordinates if that is meant)",
+                f"{source} has no column for {', '.join(refused)}, coordinates of "
+                f"{os.path.basename(given['model'])} (OpenSim would hold them at zero; if that is "
+                "meant, name them in held_coordinates)",
                 "NameMismatchError",
             )
         return columns
@@ -400,6 +401,8 @@ class Engine:
     def __init__(self, osim: Any, given: dict[str, Any]) -> None:
         self.osim = osim
         self.notes: list[list[str]] = []
+        #: by how much the motion's speeds of dependent coordinates were corrected, at most
+        self.contradicted: dict[str, float] = {}
         self.model, self._tool = _load_model(osim, given)
         self.state = self.model.initSystem()
         self.model.setAllControllersEnabled(False)
@@ -433,7 +436,8 @@ class Engine:
         self.coordinates = [by_path[name.removesuffix("/value")] for name in names if name.endswith("/value")]
         if len(self.coordinates) != self.n_u:
             raise Refusal(
-                f"the model has {self.n_u} mobilities but {len(self.coordinates)} coordinates, expected as many",
+                f"the model has {self.n_u} mobilities but {len(self.coordinates)} coordinates, "
+                "expected as many",
                 "EngineError",
             )
         self.coordinate_names = [coordinate.getName() for coordinate in self.coordinates]
@@ -532,9 +536,9 @@ class Engine:
     def _find_bodies(self) -> None:
         bodies = self.model.getBodySet()
         self.bodies = [bodies.get(i) for i in range(bodies.getSize())]
-        self._body_index = {"/ground": 0}
+        self._body_index = {int(self.model.getGround().getMobilizedBodyIndex()): 0}
         for b, body in enumerate(self.bodies, start=1):
-            self._body_index[body.getAbsolutePathString()] = b
+            self._body_index[int(body.getMobilizedBodyIndex())] = b
         self.body_names = ["ground", *(body.getName() for body in self.bodies)]
         self.body_masses = np.array([0.0, *(float(body.getMass()) for body in self.bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self.bodies]
@@ -547,8 +551,10 @@ class Engine:
         osim = self.osim
         joints = self.model.getJointSet()
         self.joints: list[Any] = []
+        self.joint_parents: list[int] = []
         self.joint_children: list[int] = []
-        self._joint_transforms: list[Any] = []
+        self._rotation_functions: list[list[Any] | None] = []
+        nominal, orders, signs = [], [], []
         for i in range(joints.getSize()):
             joint = joints.get(i)
             parent, child = self.base_body(joint.getParentFrame()), self.base_body(joint.getChildFrame())
@@ -556,12 +562,39 @@ class Engine:
             if joint.numCoordinates() == 0:
                 continue
             self.joints.append(joint)
+            self.joint_parents.append(parent)
             self.joint_children.append(child)
             custom = osim.CustomJoint.safeDownCast(joint)
-            self._joint_transforms.append(None if custom is None else self._rotation_axes(custom))
+            functions, axes, order, sign = None, np.eye(3), [0, 1, 2], np.ones(3)
+            if custom is not None:
+                functions, axes, order, sign = self._rotation_axes(custom)
+            self._rotation_functions.append(functions)
+            nominal.append(axes)
+            orders.append(order)
+            signs.append(sign)
         self.joint_names = [joint.getName() for joint in self.joints]
+        # per joint: its successive axes in the parent frame, and which of them is called x, y, z
+        self._nominal_axes = np.array(nominal).reshape(-1, 3, 3)
+        self._axis_orders = np.array(orders, dtype=np.int64).reshape(-1, 3)
+        self._axis_signs = np.array(signs).reshape(-1, 3)
+        self._parent_frames = self._offsets([joint.getParentFrame() for joint in self.joints])
+        self._child_frames = self._offsets([joint.getChildFrame() for joint in self.joints])
 
-    def _rotation_axes(self, joint: Any) -> tuple[list[Any], Array, tuple[int, ...], Array]:
+    def _offsets(self, frames: list[Any]) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the body of each frame, and its rotation and origin in that body."""
+        bodies = np.array([self.base_body(frame) for frame in frames], dtype=np.int64)
+        rotations, origins = np.zeros((len(frames), 3, 3)), np.zeros((len(frames), 3))
+        for i, frame in enumerate(frames):
+            base = frame.findBaseFrame()
+            points = [
+                frame.findStationLocationInAnotherFrame(self.state, point, base).to_numpy()
+                for point in self._frame_points
+            ]
+            origins[i] = points[0]
+            rotations[i] = np.stack([point - origins[i] for point in points[1:]], axis=1)
+        return bodies, rotations, origins
+
+    def _rotation_axes(self, joint: Any) -> tuple[list[Any], Array, list[int], Array]:
         """Return the rotational transform axes, their directions, and which letter each one gets."""
         transform = joint.getSpatialTransform()
         functions = [transform.getTransformAxis(i) for i in range(3)]
@@ -569,23 +602,26 @@ class Engine:
         orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
         nearest = max(orders, key=lambda order: sum(abs(axes[order[u], u]) for u in range(3)))
         signs = np.array([-1.0 if axes[nearest[u], u] < 0 else 1.0 for u in range(3)])
-        return functions, axes, nearest, signs
+        return functions, axes, list(nearest), signs
 
     def _find_paths(self) -> None:
         """Sort paths into those of points fixed to bodies and those whose points change."""
         osim = self.osim
         self._paths = [muscle.getPath() for muscle in self.muscles]
-        self._geometry = [osim.GeometryPath.safeDownCast(path) for path in self._paths]
+        self.geometry = [osim.GeometryPath.safeDownCast(path) for path in self._paths]
         self._fixed_points: list[tuple[NDArray[np.int64], Array] | None] = []
         self.moves: list[bool] = []
-        for geometry in self._geometry:
+        self._drives_mobilities: list[bool] = []
+        for geometry in self.geometry:
             if geometry is None:
+                self._drives_mobilities.append(True)
                 self._fixed_points.append((np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
                 self.moves.append(True)
                 continue
             points = geometry.getPathPointSet()
             kinds = [points.get(i).getConcreteClassName() for i in range(points.getSize())]
             wraps = geometry.getWrapSet().getSize() > 0
+            self._drives_mobilities.append(any(kind == "MovingPathPoint" for kind in kinds))
             self.moves.append(wraps or any(kind != "PathPoint" for kind in kinds))
             if self.moves[-1]:
                 self._fixed_points.append(None)
@@ -606,16 +642,28 @@ class Engine:
         return self.base_body(frame), np.array(location.to_numpy())
 
     def base_body(self, frame: Any) -> int:
-        """Index of the body that a frame is welded to."""
-        return self._body_index[frame.findBaseFrame().getAbsolutePathString()]
+        """Index of the body that a physical frame is fixed to."""
+        return self._body_index[int(frame.getMobilizedBodyIndex())]
+
+    def distal_bodies(self, child: int) -> set[int]:
+        """Return the bodies that hang on a body, itself included."""
+        distal = {child}
+        for _ in self.body_names:
+            distal |= {b for b, parent in enumerate(self.body_parents) if parent in distal}
+        return distal
+
+    def path_bodies(self, m: int) -> set[int]:
+        """Return every body that a muscle's path may touch."""
+        points, wraps = self.geometry[m].getPathPointSet(), self.geometry[m].getWrapSet()
+        bodies = {self.base_body(points.get(i).getParentFrame()) for i in range(points.getSize())}
+        for i in range(wraps.getSize()):
+            bodies.add(self.base_body(wraps.get(i).getWrapObject().getFrame()))
+        return bodies
 
     def moved_mass(self, coordinate: str) -> float:
         """Share of the total mass on the distal side of a coordinate's joint; 1 if a load acts there."""
         joint = self.coordinates[self.coordinate_names.index(coordinate)].getJoint()
-        child = self.base_body(joint.getChildFrame())
-        distal = {child}
-        for _ in self.body_names:
-            distal |= {b for b, parent in enumerate(self.body_parents) if parent in distal}
+        distal = self.distal_bodies(self.base_body(joint.getChildFrame()))
         if any(self._load_body(load) in distal for load in self.loads):
             return 1.0
         return float(self.body_masses[sorted(distal)].sum() / max(self.body_masses.sum(), 1e-300))
@@ -698,10 +746,10 @@ class Engine:
         time = float(motion.time[row])
         state.setTime(time)
         values, speeds = motion.values[row].copy(), motion.speeds[row].copy()
-        for k in np.flatnonzero(self.is_prescribed):
+        for k in np.flatnonzero(self.is_prescribed).tolist():
             function = self.coordinates[k].getPrescribedFunction()
             values[k] = function.calcValue(vector(1, time))
-        for k in np.flatnonzero(self.is_locked):
+        for k in np.flatnonzero(self.is_locked).tolist():
             values[k] = self.coordinates[k].getValue(state)
         for _ in range(min(len(self._couplers), 4)):
             for target, where, function, scale in self._couplers:
@@ -715,7 +763,8 @@ class Engine:
         if self.is_constrained:
             if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > POSE_TOLERANCE:
                 self.model.assemble(state)
-            self._make_speeds_consistent()
+            if not motion.keeps_coupled_speeds:
+                self._make_speeds_consistent()
         self.model.realizeVelocity(state)
 
     def _make_speeds_consistent(self) -> None:
@@ -731,6 +780,8 @@ class Engine:
             coordinate = self.coordinates[k]
             if not self.is_locked[k]:
                 coordinate.setSpeedValue(state, float(coordinate.getSpeedValue(state) + du))
+                name = self.coordinate_names[k]
+                self.contradicted[name] = max(self.contradicted.get(name, 0.0), abs(float(du)))
 
     # -- one frame
 
@@ -742,7 +793,7 @@ class Engine:
         coupling = self._coupling(constraints)
         accelerations = self._accelerations(motion.accelerations[row], constraints)
         arms = self.path_forces(coupling)
-        poses = self._body_poses()
+        self.poses = self._body_poses()
         net = self._inverse_dynamics(accelerations)
         result = {
             "time": np.array(motion.time[row]),
@@ -759,7 +810,7 @@ class Engine:
             "actuator_generalized_forces": coupling.T @ self._actuator_columns(accelerations, net),
             "other_forces": self._other_forces(),
         }
-        result.update(self._skeleton(poses))
+        result.update(self._skeleton(*self.poses))
         return result
 
     def _read(self, getter: str) -> Array:
@@ -782,13 +833,16 @@ class Engine:
     def _path_columns(self) -> Array:
         osim, state, out = self.osim, self.state, self._vector
         columns = np.zeros((self.n_u, len(self._paths)))
+        nothing = osim.Vector(self._no_mobility_forces)
         for j, path in enumerate(self._paths):
+            # the call adds to what it is given; only moving points and fitted paths add to mobilities
             body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
-            mobility_forces = osim.Vector(self._no_mobility_forces)
+            mobility_forces = osim.Vector(self._no_mobility_forces) if self._drives_mobilities[j] else nothing
             path.addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
             self.matter.multiplyBySystemJacobianTranspose(state, body_forces, out)
             columns[:, j] = out.to_numpy()
-            columns[:, j] += mobility_forces.to_numpy()
+            if self._drives_mobilities[j]:
+                columns[:, j] += mobility_forces.to_numpy()
         return columns
 
     def _inverse_dynamics(self, accelerations: Array, state: Any = None) -> Array:
@@ -835,33 +889,26 @@ class Engine:
 
     # -- skeleton
 
-    def _frame_pose(self, frame: Any) -> tuple[Array, Array]:
-        """Return rotation (columns are the frame's axes) and origin in ground."""
-        points = [
-            frame.findStationLocationInGround(self.state, point).to_numpy() for point in self._frame_points
-        ]
-        origin = np.array(points[0])
-        return np.stack([point - origin for point in points[1:]], axis=1), origin
-
     def _body_poses(self) -> tuple[Array, Array]:
+        """Return rotation (columns are the body's axes) and origin of every body in ground."""
         rotations, origins = np.zeros((len(self.body_names), 3, 3)), np.zeros((len(self.body_names), 3))
         rotations[0] = np.eye(3)
         for b, body in enumerate(self.bodies, start=1):
-            rotations[b], origins[b] = self._frame_pose(body)
+            for i, point in enumerate(self._frame_points):
+                station = body.findStationLocationInGround(self.state, point).to_numpy()
+                if i == 0:
+                    origins[b] = station
+                else:
+                    rotations[b, :, i - 1] = station - origins[b]
         return rotations, origins
 
-    def _skeleton(self, poses: tuple[Array, Array]) -> dict[str, Array]:
-        rotations, origins = poses
-        centers = np.einsum("bij,bj->bi", rotations, self._mass_centers) + origins
+    def _skeleton(self, rotations: Array, origins: Array) -> dict[str, Array]:
         forces, points, torques = self._load_vectors()
+        children, _, centers = self._child_frames
         result = {
-            "body_mass_centers": centers,
-            "joint_centers": np.array(
-                [joint.getChildFrame().getPositionInGround(self.state).to_numpy() for joint in self.joints]
-            ).reshape(-1, 3),
-            "joint_axes": np.array([self.axes_of_joint(j) for j in range(len(self.joints))]).reshape(
-                -1, 3, 3
-            ),
+            "body_mass_centers": np.einsum("bij,bj->bi", rotations, self._mass_centers) + origins,
+            "joint_centers": np.einsum("jab,jb->ja", rotations[children], centers) + origins[children],
+            "joint_axes": self._joint_axes(rotations),
             "load_forces": forces,
             "load_points": points,
             "load_torques": torques,
@@ -869,18 +916,27 @@ class Engine:
         result.update(self._path_points(rotations, origins))
         return result
 
-    def axes_of_joint(self, j: int) -> Array:
-        """Return the joint's axes x, y, z in ground, one per row."""
-        parent, _ = self._frame_pose(self.joints[j].getParentFrame())
-        transform = self._joint_transforms[j]
-        if transform is None:
-            return parent.T
-        functions, nominal, nearest, signs = transform
-        angles = [function.getValue(self.state) for function in functions]
-        first = rotation(nominal[0], angles[0])
-        second = first @ rotation(nominal[1], angles[1])
-        successive = np.array([nominal[0], first @ nominal[1], second @ nominal[2]])
-        return (parent @ successive[list(nearest)].T).T * signs[:, None]
+    def _joint_axes(self, rotations: Array) -> Array:
+        """Return the axes x, y, z of every joint in ground, one per row."""
+        parents, offsets, _ = self._parent_frames
+        angles = np.zeros((len(self.joints), 2))
+        for j, functions in enumerate(self._rotation_functions):
+            if functions is not None:
+                angles[j] = [function.getValue(self.state) for function in functions[:2]]
+        axes = self._nominal_axes
+        first = rotation(axes[:, 0], angles[:, 0])
+        second = first @ rotation(axes[:, 1], angles[:, 1])
+        successive = np.stack(
+            [
+                axes[:, 0],
+                np.einsum("jab,jb->ja", first, axes[:, 1]),
+                np.einsum("jab,jb->ja", second, axes[:, 2]),
+            ],
+            axis=1,
+        )
+        named = np.take_along_axis(successive, self._axis_orders[:, :, None], axis=1)
+        named = named * self._axis_signs[:, :, None]
+        return np.einsum("jab,jub->jua", rotations[parents] @ offsets, named)
 
     def _load_vectors(self) -> tuple[Array, Array, Array]:
         n_loads, time, state = len(self.loads), self.state.getTime(), self.state
@@ -904,7 +960,7 @@ class Engine:
 
     def _path_points(self, rotations: Array, origins: Array) -> dict[str, Array]:
         per_muscle: list[tuple[NDArray[np.int64], Array, NDArray[np.bool_]]] = []
-        for geometry, fixed in zip(self._geometry, self._fixed_points, strict=True):
+        for geometry, fixed in zip(self.geometry, self._fixed_points, strict=True):
             if fixed is not None:
                 bodies, locations = fixed
                 points = np.einsum("pij,pj->pi", rotations[bodies], locations) + origins[bodies]
@@ -1052,26 +1108,169 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector) / length if length > 0 else np.asarray(vector)
 
 
-def rotation(axis: Array, angle: float) -> Array:
-    """Return the rotation matrix about a unit axis."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+def rotation(axes: Array, angles: Array) -> Array:
+    """Return rotation matrices about unit axes.
+
+    Parameters
+    ----------
+    axes : ndarray, shape (n, 3) [-]
+    angles : ndarray, shape (n,) [rad]
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+    """
+    cross = np.zeros((len(axes), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axes[:, 2], axes[:, 1], -axes[:, 0]
+    cross -= cross.transpose(0, 2, 1)
+    angles = np.asarray(angles)[:, None, None]
+    return np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
 
 
 # ------------------------------------------------------------------------------------- virtual rotations
 
 
 class VirtualRotations:
-    """Rotations of everything distal of a joint about an axis of ground, by OpenSim's own paths."""
+    """Turns everything distal of a joint rigidly about one of its axes and asks OpenSim for the path forces.
 
-    def __init__(self, engine: Engine, job: dict[str, Any]) -> None:
-        raise Refusal("stability_axes are not available yet", "EngineError")
-        self.names: list[str] = []
+    In a second copy of the model a massless body with six free coordinates stands between each joint asked
+    for and its parent body. At zero the model is as before; a finite rotation about any axis through any
+    point is a rotation and a translation of that body.
+    """
 
-    def frame(self, motion: Motion, row: int, frame: dict[str, Array]) -> dict[str, Array]:
-        """Return virtual moment arms and curvature of one row."""
-        raise NotImplementedError
+    def __init__(self, engine: Engine, given: dict[str, Any]) -> None:
+        osim = engine.osim
+        self.engine = engine
+        self.rows: list[tuple[int, int]] = []
+        for joint, axis in given["stability_axes"]:
+            if joint not in engine.joint_names:
+                raise Refusal(
+                    f"unknown joint {joint!r} in stability_axes (joints that can move: "
+                    f"{', '.join(engine.joint_names)})",
+                    "NameMismatchError",
+                )
+            self.rows.append((engine.joint_names.index(joint), "xyz".index(axis)))
+        self.names = [f"{joint}_{axis}" for joint, axis in given["stability_axes"]]
+        self.model, self._tool = _load_model(osim, {**given, "external_loads": None})
+        self.model.finalizeConnections()
+        joints = sorted({joint for joint, _ in self.rows})
+        for j in joints:
+            self._insert(engine.joint_names[j])
+        self.state = self.model.initSystem()
+        self.model.setAllControllersEnabled(False)
+        self.model.realizePosition(self.state)
+        self.matter = self.model.getMatterSubsystem()
+        paths = [
+            name.removesuffix("/value") for name in osim.createStateVariableNamesInSystemOrder(self.model)
+        ]
+        self._coordinates = [
+            osim.Coordinate.safeDownCast(self.model.getComponent(coordinate.getAbsolutePathString()))
+            for coordinate in engine.coordinates
+        ]
+        self._extra: dict[int, tuple[list[Any], int]] = {}
+        for j in joints:
+            joint = self.model.getJointSet().get(f"scso_virtual_joint_{engine.joint_names[j]}")
+            extra = [joint.get_coordinates(i) for i in range(6)]
+            self._extra[j] = (extra, paths.index(extra[0].getAbsolutePathString()))
+        self._paths = [self.model.getMuscles().get(name).getPath() for name in engine.muscle_names]
+        n_bodies = self._system_size()
+        nothing = osim.SpatialVec(osim.Vec3(0), osim.Vec3(0))
+        self._no_body_forces = osim.VectorOfSpatialVec(n_bodies, nothing)
+        self._no_mobility_forces = osim.Vector(self.state.getNU(), 0.0)
+        self._out = osim.Vector()
+        self._crossing = [self._crossing_muscles(j) for j, _ in self.rows]
+
+    def _insert(self, name: str) -> None:
+        osim, model = self.engine.osim, self.model
+        joint = model.updJointSet().get(name)
+        frame = joint.getParentFrame()
+        base = osim.PhysicalFrame.safeDownCast(frame.findBaseFrame())
+        offset = frame.findTransformInBaseFrame()
+        zero = osim.Vec3(0)
+        body = osim.Body(f"scso_virtual_body_{name}", 0.0, zero, osim.Inertia(0, 0, 0, 0, 0, 0))
+        model.addBody(body)
+        model.addJoint(osim.FreeJoint(f"scso_virtual_joint_{name}", base, body))
+        inner = osim.PhysicalOffsetFrame(f"scso_virtual_frame_{name}", body, offset)
+        model.addComponent(inner)
+        joint.connectSocket_parent_frame(inner)
+
+    def _system_size(self) -> int:
+        matrix = self.engine.osim.Matrix()
+        self.matter.calcSystemJacobian(self.state, matrix)
+        return int(matrix.to_numpy().shape[0]) // 6
+
+    def _crossing_muscles(self, joint: int) -> list[tuple[int, bool]]:
+        """Return the muscles whose path may change, and whether they have points on both sides."""
+        engine = self.engine
+        distal = engine.distal_bodies(engine.joint_children[joint])
+        result = []
+        for m, geometry in enumerate(engine.geometry):
+            if not engine.moves[m]:
+                continue
+            sides = (
+                {body in distal for body in engine.path_bodies(m)} if geometry is not None else {True, False}
+            )
+            result.append((m, len(sides) == 2))
+        return result
+
+    def frame(self, frame: dict[str, Array], poses: tuple[Array, Array]) -> dict[str, Array]:
+        """Return virtual moment arms and curvature of the pose that the engine is in."""
+        engine = self.engine
+        n_muscles = len(engine.muscle_names)
+        arms = np.full((len(self.rows), n_muscles), np.nan)
+        curvature = np.full((len(self.rows), n_muscles), np.nan)
+        self.state.setTime(engine.state.getTime())
+        for k, coordinate in enumerate(self._coordinates):
+            if not engine.is_locked[k]:
+                coordinate.setValue(self.state, engine.coordinates[k].getValue(engine.state), False)
+        for extra, _ in self._extra.values():
+            for coordinate in extra:
+                coordinate.setValue(self.state, 0.0, False)
+        rotations, origins = poses
+        for i, (j, u) in enumerate(self.rows):
+            parent = engine.joint_parents[j]
+            center = rotations[parent].T @ (frame["joint_centers"][j] - origins[parent])
+            axis = rotations[parent].T @ frame["joint_axes"][j, u]
+            for m, crosses in self._crossing[i]:
+                if not crosses:
+                    arms[i, m] = curvature[i, m] = 0.0
+            crossing = [m for m, crosses in self._crossing[i] if crosses]
+            if not crossing:
+                continue
+            before, arms[i, crossing], after = (
+                self._arms(j, center, axis, angle, crossing) for angle in (-VIRTUAL_STEP, 0.0, VIRTUAL_STEP)
+            )
+            curvature[i, crossing] = -(after - before) / (2.0 * VIRTUAL_STEP)
+            for coordinate in self._extra[j][0]:
+                coordinate.setValue(self.state, 0.0, False)
+        return {"virtual_moment_arms": arms, "virtual_curvature": curvature}
+
+    def _arms(self, joint: int, center: Array, axis: Array, angle: float, muscles: list[int]) -> Array:
+        """Return the moment arms about an axis through a center of the parent body, turned by an angle."""
+        osim, state = self.engine.osim, self.state
+        turned = rotation(axis[None], np.array([angle]))[0]
+        shift = center - turned @ center
+        # body-fixed x, y, z angles, the coordinates of a free joint
+        values = [
+            float(np.arctan2(-turned[1, 2], turned[2, 2])),
+            float(np.arcsin(np.clip(turned[0, 2], -1.0, 1.0))),
+            float(np.arctan2(-turned[0, 1], turned[0, 0])),
+            *shift.tolist(),
+        ]
+        extra, first = self._extra[joint]
+        for coordinate, value in zip(extra, values, strict=True):
+            coordinate.setValue(state, value, False)
+        self.model.realizePosition(state)
+        mobility_forces = osim.Vector(self._no_mobility_forces)
+        arms = np.zeros(len(muscles))
+        for i, m in enumerate(muscles):
+            body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
+            self._paths[m].addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+            self.matter.multiplyBySystemJacobianTranspose(state, body_forces, self._out)
+            generalized = self._out.to_numpy()[first : first + 6]
+            torque, force = generalized[:3], generalized[3:]
+            arms[i] = axis @ (torque + np.cross(shift - center, force))
+        return arms
 
 
 if __name__ == "__main__":
