@@ -109,6 +109,8 @@ class SolveReport:
         Solver options as given.
     versions : mapping of str to str
         Versions of this package and of what it stands on.
+    rounds : int
+        How often the program was solved while rows were added.
     """
 
     solver: str
@@ -117,6 +119,7 @@ class SolveReport:
     solve_seconds: float
     options: Mapping[str, object]
     versions: Mapping[str, str]
+    rounds: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +137,8 @@ class Solution:
     actuator_force : ndarray, shape (n_frames, n_actuators) [N or N·m]
     variables : mapping of str to ndarray, shape (n_frames, n)
         Unknowns that terms added, by ``"<term>.<name>"``.
+    quantities : mapping of str to ndarray, shape (n_frames, n)
+        What constraints report, by ``"<term>.<name>"``, e.g. ``"JointStability.muscle_stiffness"`` [N/m].
     rows : mapping of str to RowResult
         By constraint name.
     objective_terms : mapping of str to float
@@ -153,6 +158,7 @@ class Solution:
     tendon_force: FloatArray
     actuator_force: FloatArray
     variables: Mapping[str, FloatArray]
+    quantities: Mapping[str, FloatArray]
     rows: Mapping[str, RowResult]
     objective_terms: Mapping[str, float]
     violation: Mapping[str, float]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import CouplingError, ProblemError
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
@@ -45,6 +46,9 @@ _LOG = logging.getLogger("scso_nlp")
 
 #: Frame weights of steep objectives are taken where all activations and controls are at least this large.
 _LEAST_EFFORT = 1e-3
+
+#: Most rounds of adding rows to constraints that cannot write all of them down beforehand.
+_MAX_ROUNDS = 100
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 _LOOSE_VIOLATION = 1e-4
@@ -128,13 +132,67 @@ def _solve(
 ) -> Solution:
     if on_failure not in ("raise", "return"):
         raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
+    solution = _solve_rows(problem, solver, guess, options)
+    reports = [solution.report]
+    for _ in range(_MAX_ROUNDS):
+        tighter = _tightened(solution)
+        if tighter is None:
+            break
+        solution = _solve_rows(tighter, solver, solution, options)
+        reports.append(solution.report)
+    else:
+        _LOG.warning("rows were still being added after %d rounds", _MAX_ROUNDS)
+        solution = replace(solution, frame_status=(Status.ITERATION_LIMIT,) * len(solution.frame_status))
+    report = replace(
+        reports[-1],
+        iterations=sum(r.iterations for r in reports),
+        build_seconds=sum(r.build_seconds for r in reports),
+        solve_seconds=sum(r.solve_seconds for r in reports),
+        rounds=len(reports),
+    )
+    solution = replace(solution, report=report)
+    _LOG.info(
+        "%s (%s): %s; %d rounds, %d iterations, build %.2f s, solve %.2f s",
+        problem.trajectory.name,
+        solver,
+        solution.summary(),
+        report.rounds,
+        report.iterations,
+        report.build_seconds,
+        report.solve_seconds,
+    )
+    if on_failure == "raise" and not solution.is_solved.all():
+        raise SolveFailed(solution)
+    return solution
+
+
+def _tightened(solution: Solution) -> MuscleForceProblem | None:
+    """Return the problem with the rows that its constraints add after seeing a solution, or None."""
+    constraints = solution.problem.constraints
+    tighter = [t.tighten(solution) if isinstance(t, FrameConstraint) else None for t in constraints]
+    if not any(tighter):
+        return None
+    merged = tuple(new or old for new, old in zip(tighter, constraints, strict=True))
+    return replace(solution.problem, constraints=merged)
+
+
+def _solve_rows(
+    problem: MuscleForceProblem, solver: str, guess: Solution | None, options: SolverOptions
+) -> Solution:
+    """Solve with the rows as they are."""
     gentler = _gentler(problem)
+    first = None
     if gentler is not None and guess is None:
-        guess = _solve(gentler, solver, None, options, "return")
+        guess = first = _solve_rows(gentler, solver, None, options)
     started = time.perf_counter()
     program = describe(problem)
     split = split_rows(program)
-    run = _Run(program=program, split=split, options=options, **_start(program, guess))
+    start = _start(program, guess)
+    run = _Run(program=program, split=split, options=options, start=start["unknowns"].copy(), **start)
+    if first is not None:
+        run.iterations += first.report.iterations
+        run.build_seconds += first.report.build_seconds
+        run.solve_seconds += first.report.solve_seconds
     shortfalls = out_of_reach(program, split.affine)
     for shortfall in shortfalls:
         run.status[shortfall.frame] = Status.INFEASIBLE
@@ -145,16 +203,20 @@ def _solve(
     run.build_seconds += time.perf_counter() - started
     if run.waiting.size:
         run.together() if solver == "trajectory" else run.one_by_one()
-    return _finish(run, shortfalls, solver, on_failure)
+    return _finish(run, shortfalls, solver)
 
 
 @dataclass(kw_only=True)
 class _Run:
-    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting).
+
+    Every program begins at `start`, so that a frame's answer does not depend on which others failed.
+    """
 
     program: FrameProgram
     split: SplitRows
     options: SolverOptions
+    start: FloatArray
     unknowns: FloatArray
     multipliers: tuple[FloatArray, FloatArray]
     status: list[Status | None]
@@ -162,6 +224,10 @@ class _Run:
     iterations: int = 0
     build_seconds: float = 0.0
     solve_seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        layout, n = self.program.layout, self.program.problem.trajectory.n_frames
+        self._lower, self._upper = (layout.rows(what, n) / layout.scale for what in ("lower", "upper"))
 
     @property
     def waiting(self) -> IntArray:
@@ -201,14 +267,11 @@ class _Run:
 
     def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
         started = time.perf_counter()
-        layout = self.program.layout
-        n = self.program.problem.trajectory.n_frames
-        lower, upper = ((layout.rows(what, n)[frames] / layout.scale).ravel() for what in ("lower", "upper"))
         answer = call_ipopt(
             solver,
-            x0=self.unknowns[frames].ravel(),
+            x0=self.start[frames].ravel(),
             p=nlp.parameters(frames, self.weights[frames]),
-            bounds=(lower, upper),
+            bounds=(self._lower[frames].ravel(), self._upper[frames].ravel()),
             row_bounds=nlp.row_bounds(frames),
         )
         self.unknowns[frames] = answer.x.reshape(frames.size, -1)
@@ -268,21 +331,22 @@ def _frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
     of small activations vanish in the solver's tolerance.
     """
     small = np.full_like(unknowns, _LEAST_EFFORT)
-    at_guess, least = np.zeros(len(unknowns)), np.zeros(len(unknowns))
+    size = np.zeros(len(unknowns))
     for _, piece in program.objectives:
-        function = piece.function()
-        at_guess += evaluate(piece, function, unknowns, program.arrays)[0][:, 0]
-        least += evaluate(piece, function, small, program.arrays)[0][:, 0]
-    return 1.0 / np.maximum(np.maximum(at_guess, least), np.finfo(float).tiny)
+        for point in (unknowns, small):
+            value = np.abs(evaluate(piece, piece.function(), point, program.arrays)[0][:, 0])
+            size = np.maximum(size, np.where(np.isfinite(value), value, 0.0))
+    return 1.0 / np.where(size > np.finfo(float).tiny, size, 1.0)
 
 
-def _finish(run: _Run, shortfalls: list[Shortfall], solver: str, on_failure: str) -> Solution:
+def _finish(run: _Run, shortfalls: list[Shortfall], solver: str) -> Solution:
     program, problem = run.program, run.program.problem
     unknowns = run.unknowns * program.layout.scale
     status = [s if s is not None else Status.NUMERICAL_ERROR for s in run.status]
     reached = {shortfall.frame for shortfall in shortfalls}
-    if reached and not problem.coupled_terms:
-        unknowns[sorted(reached)] = np.nan
+    if reached:
+        # No solver was called for these frames, nor for any frame that they are coupled with.
+        unknowns[list(range(len(unknowns))) if problem.coupled_terms else sorted(reached)] = np.nan
     finite = np.nan_to_num(unknowns)
     rows = row_results(program, finite, run.multipliers)
     violation = scaled_violation(program, rows, finite)
@@ -291,22 +355,31 @@ def _finish(run: _Run, shortfalls: list[Shortfall], solver: str, on_failure: str
             status[k] = Status.NUMERICAL_ERROR
         elif found is Status.SOLVED and violation[k] > FEASIBILITY_TOLERANCE:
             status[k] = Status.ACCEPTABLE
+    # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
+    found_only_by_ipopt = not (run.split.nonlinear or problem.coupled_terms)
     failed = [k for k, s in enumerate(status) if not s.is_solved and k not in reached]
     for k in failed:
         proven = infeasible_rows(program, run.split.affine, k)
         if proven:
             status[k] = Status.INFEASIBLE
-        shortfalls = shortfalls + (proven or worst_rows(program, rows, [k]))
+        elif found_only_by_ipopt and status[k] is Status.INFEASIBLE:
+            status[k] = Status.NUMERICAL_ERROR
+        if proven or np.isfinite(unknowns[k]).all():
+            shortfalls = shortfalls + (proven or worst_rows(program, rows, [k]))
     solved: BoolArray = np.array([s.is_solved for s in status])
     forces = evaluate(program.tendon_force, program.tendon_force.function(), run.unknowns, program.arrays)[0]
     missing: BoolArray = np.asarray(np.isnan(unknowns).any(axis=1))
     forces[missing] = np.nan
+    quantities = {
+        name: _masked(evaluate(piece, piece.function(), run.unknowns, program.arrays)[0], missing)
+        for name, piece in program.quantities.items()
+    }
     parts = program.layout.split(unknowns)
     activation = parts.pop((PROBLEM, "activation"))
     control = parts.pop((PROBLEM, "control"))
     for name, row in rows.items():
         rows[name] = replace(row, value=np.where(missing[:, None], np.nan, row.value))
-    solution = Solution(
+    return Solution(
         problem=problem,
         frame_status=tuple(status),
         activation=activation,
@@ -314,6 +387,7 @@ def _finish(run: _Run, shortfalls: list[Shortfall], solver: str, on_failure: str
         tendon_force=forces,
         actuator_force=control * problem.actuators.optimal_force,
         variables={f"{owner}.{name}": values for (owner, name), values in parts.items()},
+        quantities=quantities,
         rows=rows,
         objective_terms=_objective_terms(program, run.unknowns, solved),
         violation=violations(program, finite, rows, solved),
@@ -327,18 +401,11 @@ def _finish(run: _Run, shortfalls: list[Shortfall], solver: str, on_failure: str
             versions=versions(),
         ),
     )
-    _LOG.info(
-        "%s (%s): %s; %d iterations, build %.2f s, solve %.2f s",
-        problem.trajectory.name,
-        solver,
-        solution.summary(),
-        run.iterations,
-        run.build_seconds,
-        run.solve_seconds,
-    )
-    if on_failure == "raise" and not solved.all():
-        raise SolveFailed(solution)
-    return solution
+
+
+def _masked(values: FloatArray, missing: BoolArray) -> FloatArray:
+    values[missing] = np.nan
+    return values
 
 
 def _objective_terms(program: FrameProgram, unknowns: FloatArray, solved: BoolArray) -> dict[str, float]:

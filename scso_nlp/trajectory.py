@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.validation import BoolArray, FloatArray, IntArray, read_only, unique_names
+from scso_nlp.validation import BoolArray, FloatArray, IntArray, positions, read_only, unique_names
 
 #: Body index of a padding entry in `Skeleton.path_point_bodies`.
 NO_POINT = -1
@@ -158,6 +158,61 @@ class Skeleton:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CoordinateCurvature:
+    """Second derivatives of path lengths and loads with respect to chosen coordinates.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+        Free coordinates of the trajectory, n_chosen of them; all else is held still.
+    path_curvature : ndarray, shape (n_frames, n_chosen, n_chosen, n_muscles) [m]
+        Second derivative of muscle-tendon length, -dr_i/dq_j made symmetric; for translations [1/m].
+    load_stiffness : ndarray, shape (n_frames, n_chosen, n_chosen) [N·m/rad]
+        -dτ_i/dq_j of gravity and external loads (constant in direction, fixed to their bodies), made
+        symmetric; it stands in the Hessian as it is.
+    passive_stiffness : ndarray, shape (n_frames, n_chosen, n_chosen) [N·m/rad]
+        Likewise of the model's own passive elements: springs, bushings, limit forces, ligaments.
+    asymmetry : ndarray, shape (n_frames, n_muscles) [m]
+        Largest |dr_i/dq_j - dr_j/dq_i|; not zero where moment arms are no gradient of a length.
+    is_uncertain : ndarray of bool, shape (n_frames, n_muscles)
+        True where derivatives at two steps disagree or the path changes its points nearby.
+    """
+
+    coordinates: tuple[str, ...]
+    path_curvature: FloatArray
+    load_stiffness: FloatArray
+    passive_stiffness: FloatArray
+    asymmetry: FloatArray
+    is_uncertain: BoolArray
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "coordinates", unique_names("coordinate", self.coordinates))
+        n = len(self.coordinates)
+        n_frames, n_muscles = np.shape(self.asymmetry)
+        shapes = {
+            "path_curvature": ((n_frames, n, n, n_muscles), "n_frames, n_chosen, n_chosen, n_muscles"),
+            "load_stiffness": ((n_frames, n, n), "n_frames, n_chosen, n_chosen"),
+            "passive_stiffness": ((n_frames, n, n), "n_frames, n_chosen, n_chosen"),
+            "asymmetry": ((n_frames, n_muscles), "n_frames, n_muscles"),
+        }
+        for name, (shape, axes) in shapes.items():
+            set_field(self, name, read_only(name, getattr(self, name), shape, axes))
+        uncertain = np.array(self.is_uncertain, dtype=bool)
+        if uncertain.shape != (n_frames, n_muscles):
+            raise DataError(
+                f"is_uncertain has shape {uncertain.shape}, expected {(n_frames, n_muscles)} = "
+                "(n_frames, n_muscles)"
+            )
+        uncertain.flags.writeable = False
+        set_field(self, "is_uncertain", uncertain)
+
+    def frames(self, selection: slice | IntArray) -> CoordinateCurvature:
+        """Keep some frames; all else stays."""
+        return _select_frames(self, selection)
+
+
+@dataclass(frozen=True, kw_only=True)
 class MotionTrajectory:
     """Time series of one motion, ready for optimisation.
 
@@ -193,7 +248,9 @@ class MotionTrajectory:
     other_force_labels : tuple of str
         Record labels of the forces that are not optimised.
     other_forces : ndarray, shape (n_frames, n_other_force_labels) [mixed]
-    skeleton : Skeleton
+    skeleton : Skeleton or None
+    curvature : CoordinateCurvature or None
+        Only where it was asked for.
     """
 
     name: str
@@ -215,6 +272,7 @@ class MotionTrajectory:
     other_force_labels: tuple[str, ...] = ()
     other_forces: FloatArray
     skeleton: Skeleton | None = None
+    curvature: CoordinateCurvature | None = None
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -263,6 +321,14 @@ class MotionTrajectory:
                     f"skeleton has {found} (n_frames, n_muscles), the trajectory has {(f, n_muscles)}"
                 )
 
+        if self.curvature is not None:
+            positions("coordinate", self.curvature.coordinates, self.coordinates)
+            found = self.curvature.asymmetry.shape
+            if found != (f, n_muscles):
+                raise DataError(
+                    f"curvature has {found} (n_frames, n_muscles), the trajectory has {(f, n_muscles)}"
+                )
+
     @property
     def n_frames(self) -> int:
         """Number of frames."""
@@ -287,7 +353,7 @@ _WITHOUT_FRAMES = frozenset(
 )
 
 
-_Data = TypeVar("_Data", MotionTrajectory, Skeleton)
+_Data = TypeVar("_Data", MotionTrajectory, Skeleton, CoordinateCurvature)
 
 
 def _select_frames(data: _Data, selection: slice | IntArray) -> _Data:
@@ -296,7 +362,7 @@ def _select_frames(data: _Data, selection: slice | IntArray) -> _Data:
         value = getattr(data, item.name)
         if isinstance(value, np.ndarray) and item.name not in _WITHOUT_FRAMES:
             changes[item.name] = value[selection]
-        elif isinstance(value, Skeleton):
+        elif isinstance(value, Skeleton | CoordinateCurvature):
             changes[item.name] = value.frames(selection)
     return replace(data, **changes)  # type: ignore[arg-type]
 

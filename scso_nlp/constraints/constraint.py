@@ -16,6 +16,7 @@ from scso_nlp.validation import FloatArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
+    from scso_nlp.solution import Solution
 
 
 class Constraint:
@@ -41,6 +42,21 @@ class FrameConstraint(Constraint):
     @abc.abstractmethod
     def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
         """Rows of one frame; `problem` is for names and units only."""
+
+    def penalty(self, frame: Frame) -> ca.SX | None:
+        """Cost of what the constraint lets pass, a scalar; None by default."""
+        return None
+
+    def quantities(self, frame: Frame, problem: MuscleForceProblem) -> Mapping[str, ca.SX]:
+        """Name columns to be evaluated at the solution, for ``solution.quantities``; none by default."""
+        return {}
+
+    def tighten(self, solution: Solution) -> FrameConstraint | None:
+        """Return a constraint with more rows where the solution misses its meaning, or None; None by default.
+
+        For constraints whose rows cannot all be written down beforehand; the solver asks after each solve.
+        """
+        return None
 
 
 class FramePairConstraint(Constraint):

@@ -15,12 +15,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from scso_nlp.constraints.constraint import FrameConstraint
-from scso_nlp.exceptions import ProblemError
+from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.objectives.objective import FramePairObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.frame import Rows
 from scso_nlp.transcription.layout import Layout, as_columns, collect_data, make_layout, make_symbols
-from scso_nlp.validation import FloatArray, IntArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 Key = tuple[str, str]
 
@@ -77,6 +77,8 @@ class FrameProgram:
     rows : tuple of Piece
         One per block; unscaled.
     tendon_force : Piece
+    quantities : mapping of str to Piece
+        Columns that constraints want evaluated at the solution, by ``"<term>.<name>"``.
     """
 
     problem: MuscleForceProblem
@@ -86,6 +88,7 @@ class FrameProgram:
     row_blocks: tuple[RowBlock, ...]
     rows: tuple[Piece, ...]
     tendon_force: Piece
+    quantities: Mapping[str, Piece]
 
 
 _DT: Key = ("problem", "dt")
@@ -121,6 +124,7 @@ def describe(problem: MuscleForceProblem) -> FrameProgram:
 
     objectives: list[tuple[str, Piece]] = []
     blocks: list[tuple[RowBlock, Piece]] = []
+    quantities: dict[str, Piece] = {}
 
     def add_rows(name: str, rows: Rows | None, pair: bool = False) -> None:
         if rows is not None and ca.SX(rows.value).numel():
@@ -135,16 +139,19 @@ def describe(problem: MuscleForceProblem) -> FrameProgram:
         else:
             value = term.value(own)
             add_rows(term.name, term.rows(own))
-        value = ca.SX(value)
-        if value.numel() != 1:
-            raise ProblemError(
-                f"objective {term.name} returned shape {value.shape}, expected one number per frame"
-            )
+        value = _scalar(term.name, value)
+        if not np.isfinite(term.weight):
+            raise ProblemError(f"weight of {term.name} is {term.weight:g}, expected a finite number")
         objectives.append((term.name, piece(term.weight * value, isinstance(term, FramePairObjective))))
     for constraint in problem.constraints:
         own = now.for_term(constraint.name, frame)
         if isinstance(constraint, FrameConstraint):
             add_rows(constraint.name, constraint.rows(own, problem))
+            penalty = constraint.penalty(own)
+            if penalty is not None:
+                objectives.append((f"{constraint.name}.missed", piece(penalty, False)))
+            for key, column in constraint.quantities(own, problem).items():
+                quantities[f"{constraint.name}.{key}"] = piece(ca.densify(ca.SX(column)), False)
         else:
             other = later.for_term(constraint.name, later_frame)
             add_rows(constraint.name, constraint.rows(own, other, dt, problem), pair=True)
@@ -156,8 +163,21 @@ def describe(problem: MuscleForceProblem) -> FrameProgram:
         objectives=tuple(objectives),
         row_blocks=tuple(block for block, _ in blocks),
         rows=tuple(p for _, p in blocks),
-        tendon_force=piece(frame.muscle.tendon_force, False),
+        tendon_force=piece(ca.densify(frame.muscle.tendon_force), False),
+        quantities=quantities,
     )
+
+
+def _scalar(name: str, value: object) -> ca.SX:
+    try:
+        symbol = ca.SX(value)
+    except (NotImplementedError, TypeError):
+        raise ProblemError(
+            f"objective {name} returned {type(value).__name__}, expected a CasADi expression"
+        ) from None
+    if symbol.numel() != 1:
+        raise ProblemError(f"objective {name} returned shape {symbol.shape}, expected one number per frame")
+    return symbol
 
 
 def _row_block(name: str, rows: Rows, pair: bool) -> RowBlock:
@@ -166,7 +186,18 @@ def _row_block(name: str, rows: Rows, pair: bool) -> RowBlock:
     unit = (rows.unit,) * n if isinstance(rows.unit, str) else tuple(rows.unit)
     if len(names) != n or len(unit) != n:
         raise ProblemError(f"{name} returned {n} rows, {len(names)} names and {len(unit)} units")
+    for what, bound in (("lower", rows.lower), ("upper", rows.upper)):
+        if np.shape(bound) not in ((), (1,), (n,)):
+            raise ProblemError(f"{what} of {name} has shape {np.shape(bound)}, expected () or ({n},) = (n_rows,)")
     lower, upper = (np.broadcast_to(np.asarray(b, float), (n,)) for b in (rows.lower, rows.upper))
+    wrong = np.flatnonzero(~(lower <= upper))
+    if wrong.size:
+        i = int(wrong[0])
+        raise ProblemError(
+            f"bounds of {name}[{names[i]}] are {lower[i]:g} to {upper[i]:g}, expected lower <= upper"
+        )
+    if not (rows.scale > 0 and np.isfinite(rows.scale)):
+        raise ProblemError(f"scale of {name} is {rows.scale:g}, expected a positive number")
     return RowBlock(
         term=name, names=names, unit=unit, lower=lower, upper=upper, scale=rows.scale, is_pair=pair
     )
@@ -201,7 +232,8 @@ class AffineRows:
 
     One frame's rows are ``values[k] x + constant[k]``; the pattern is that of the entries which are
     non-zero in some frame. `row` counts over all rows of a frame, block after block; pair rows have
-    columns beyond the first frame's size.
+    columns beyond the first frame's size. `is_empty` (n, n_rows) tells which rows have no unknown in a
+    frame: they are kept or lost whatever the solver does.
     """
 
     row: IntArray
@@ -209,8 +241,8 @@ class AffineRows:
     values: FloatArray
     constant: FloatArray
     rows: IntArray
+    is_empty: BoolArray
     is_pair: bool
-
 
 @dataclass(frozen=True, kw_only=True)
 class SplitRows:
@@ -251,6 +283,7 @@ def _split(program: FrameProgram, *, pair: bool) -> tuple[AffineRows, list[tuple
             )
             zero = np.zeros((n_frames, program.layout.size))
             values, constant = evaluate(piece, function, zero, program.arrays)
+            _refuse_not_finite(program, block, straight, values, constant)
             row, column = (np.array(v, dtype=np.int64) for v in jacobian.sparsity().get_triplet())
             keep = np.abs(values).max(axis=0, initial=0.0) > 0
             row_parts.append(here[straight][row[keep]])
@@ -271,15 +304,36 @@ def _split(program: FrameProgram, *, pair: bool) -> tuple[AffineRows, list[tuple
                     here[which],
                 )
             )
-    empty = np.zeros(0, dtype=np.int64)
+    nothing = np.zeros(0, dtype=np.int64)
+    row, rows = np.concatenate([nothing, *row_parts]), np.concatenate([nothing, *numbers])
+    values = np.concatenate([np.zeros((n, 0)), *value_parts], axis=1)
+    is_empty = np.ones((n, start), dtype=bool)
+    for entry, r in enumerate(row):
+        is_empty[:, r] &= values[:, entry] == 0
     return AffineRows(
-        row=np.concatenate([empty, *row_parts]),
-        column=np.concatenate([empty, *column_parts]),
-        values=np.concatenate([np.zeros((n, 0)), *value_parts], axis=1),
+        row=row,
+        column=np.concatenate([nothing, *column_parts]),
+        values=values,
         constant=np.concatenate([np.zeros((n, 0)), *constant_parts], axis=1),
-        rows=np.concatenate([empty, *numbers]),
+        rows=rows,
+        is_empty=is_empty[:, rows],
         is_pair=pair,
     ), nonlinear
+
+
+def _refuse_not_finite(
+    program: FrameProgram, block: RowBlock, rows: IntArray, values: FloatArray, constant: FloatArray
+) -> None:
+    """Refuse affine rows whose numbers are not finite: they would vanish from the matrix unseen."""
+    broken = ~(np.isfinite(values).all(axis=1) & np.isfinite(constant).all(axis=1))
+    if broken.any():
+        k = int(np.flatnonzero(broken)[0])
+        names = [block.names[r] for r in rows]
+        wrong = [name for name, good in zip(names, np.isfinite(constant[k]), strict=True) if not good]
+        raise DataError(
+            f"the rows {block.term}[{', '.join(wrong or names)}] are not finite at frame {k} "
+            f"(t = {program.problem.trajectory.time[k]:g} s); check the term's data"
+        )
 
 
 def affine_matrix(affine: AffineRows, values: FloatArray, size: int) -> sp.csc_matrix:
@@ -344,9 +398,10 @@ class Nlp:
         lower, upper = [np.zeros(0)], [np.zeros(0)]
         for a in self.affine:
             low, high = bounds_of_rows(self.program, pair=a.is_pair)
-            constant = a.constant[frames[: len(frames) - a.is_pair]]
-            lower.append((low[a.rows] - constant).ravel())
-            upper.append((high[a.rows] - constant).ravel())
+            which = frames[: len(frames) - a.is_pair]
+            free = a.is_empty[which]
+            lower.append(np.where(free, -np.inf, low[a.rows] - a.constant[which]).ravel())
+            upper.append(np.where(free, np.inf, high[a.rows] - a.constant[which]).ravel())
         for piece, rows in self.nonlinear:
             low, high = bounds_of_rows(self.program, pair=piece.is_pair)
             n = self.n_frames - piece.is_pair
@@ -399,7 +454,9 @@ def build_nlp(program: FrameProgram, split: SplitRows, n_frames: int) -> Nlp:
         order = (pattern.data - 1).astype(int).tolist()
         sparsity = ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
         rows.append(
-            ca.mtimes(ca.MX(sparsity, entries[order]), x) if order else ca.MX.zeros(part.rows.size * n, 1)
+            ca.densify(ca.mtimes(ca.MX(sparsity, entries[order]), x))
+            if order
+            else ca.MX.zeros(part.rows.size * n, 1)
         )
     weights = ca.MX.sym("frame_weights", n_frames)
     parameters.append(weights)

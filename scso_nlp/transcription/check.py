@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 
 from scso_nlp.solution import RowResult, Shortfall
 from scso_nlp.transcription.build import AffineRows, FrameProgram, bounds_of_rows, evaluate
+from scso_nlp.transcription.layout import ALL
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A row or bound may be missed by this much of its scale before a frame counts as infeasible [-].
@@ -112,10 +113,12 @@ def out_of_reach(program: FrameProgram, affine: AffineRows) -> list[Shortfall]:
     lower, upper = _scaled_bounds(program)
     n = len(affine.values)
     low_x, high_x = lower[:n, affine.column], upper[:n, affine.column]
-    at_low, at_high = affine.values * low_x, affine.values * high_x
-    zero = affine.values == 0
-    least = np.where(zero, 0.0, np.minimum(at_low, at_high))
-    most = np.where(zero, 0.0, np.maximum(at_low, at_high))
+    used = affine.values != 0  # a zero entry has no part in its row, even where the bound is infinite
+    at_low, at_high = (
+        np.multiply(affine.values, bound, where=used, out=np.zeros_like(affine.values))
+        for bound in (low_x, high_x)
+    )
+    least, most = np.minimum(at_low, at_high), np.maximum(at_low, at_high)
     n_rows = int(affine.rows.max(initial=-1)) + 1
     sums = [np.zeros((n, n_rows)), np.zeros((n, n_rows))]
     for part, total in zip((least, most), sums, strict=True):
@@ -143,7 +146,7 @@ def infeasible_rows(program: FrameProgram, affine: AffineRows, frame: int) -> li
     list of Shortfall
         Empty if all rows can be kept together; otherwise the rows that the best compromise misses.
     """
-    lower, upper = (b[frame] for b in _scaled_bounds(program))
+    lower, upper = (b[0] for b in _scaled_bounds(program, slice(frame, frame + 1)))
     n_rows, n_x = affine.rows.size, program.layout.size
     position = np.full(int(affine.rows.max(initial=-1)) + 1, -1)
     position[affine.rows] = np.arange(n_rows)
@@ -172,10 +175,9 @@ def infeasible_rows(program: FrameProgram, affine: AffineRows, frame: int) -> li
     ]
 
 
-def _scaled_bounds(program: FrameProgram) -> tuple[FloatArray, FloatArray]:
-    n = program.problem.trajectory.n_frames
-    scale = program.layout.scale
-    return program.layout.rows("lower", n) / scale, program.layout.rows("upper", n) / scale
+def _scaled_bounds(program: FrameProgram, frames: slice = ALL) -> tuple[FloatArray, FloatArray]:
+    layout, n = program.layout, program.problem.trajectory.n_frames
+    return layout.rows("lower", n, frames) / layout.scale, layout.rows("upper", n, frames) / layout.scale
 
 
 def _shortfall(

@@ -49,8 +49,8 @@ class SolverOptions:
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
             raise ProblemError(f"tolerance is {self.tolerance:g}, expected a number between 0 and 1")
-        if self.max_iterations < 1:
-            raise ProblemError(f"max_iterations is {self.max_iterations}, expected at least 1")
+        if not isinstance(self.max_iterations, int | np.integer) or self.max_iterations < 1:
+            raise ProblemError(f"max_iterations is {self.max_iterations}, expected a whole number of at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +81,20 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
     if _LOG.isEnabledFor(logging.DEBUG):
         ipopt["print_level"] = 5
     ipopt |= dict(options.ipopt)
-    casadi_options = {"ipopt": ipopt, "print_time": False, "error_on_fail": False}
+    casadi_options = {
+        "ipopt": ipopt,
+        "print_time": False,
+        "error_on_fail": False,
+        "show_eval_warnings": _LOG.isEnabledFor(logging.DEBUG),
+        "calc_lam_p": False,  # multipliers of the parameters are not used and cost a gradient
+    }
     try:
         return ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, casadi_options)
-    except RuntimeError as error:
+    except (RuntimeError, NotImplementedError) as error:
         last = str(error).strip().splitlines()[-1]
-        raise ProblemError(f"IPOPT refused its options or the program: {last}") from None
+        raise ProblemError(
+            f"IPOPT refused the program or its options {dict(options.ipopt)}: {last}"
+        ) from None
 
 
 def call_ipopt(

@@ -11,10 +11,14 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.frame import Frame, MuscleState, VariableSpec
 from scso_nlp.validation import FloatArray
+
+
+#: All frames, as an index.
+ALL = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +63,10 @@ class Layout:
             [np.broadcast_to(b.spec.scale, (b.size,)) for b in self.blocks] or [np.zeros(0)]
         )
 
-    def rows(self, what: str, n_frames: int) -> FloatArray:
-        """Collect ``"lower"``, ``"upper"`` or ``"guess"`` of every frame, shape (n_frames, size)."""
-        parts = [np.broadcast_to(getattr(b.spec, what), (n_frames, b.size)) for b in self.blocks]
-        return np.concatenate([np.zeros((n_frames, 0)), *parts], axis=1)
+    def rows(self, what: str, n_frames: int, frames: slice = ALL) -> FloatArray:
+        """Collect ``"lower"``, ``"upper"`` or ``"guess"`` of the given frames, shape (n, size)."""
+        parts = [np.broadcast_to(getattr(b.spec, what), (n_frames, b.size))[frames] for b in self.blocks]
+        return np.concatenate([np.zeros((len(range(n_frames)[frames]), 0)), *parts], axis=1)
 
     def split(self, unknowns: FloatArray) -> dict[tuple[str, str], FloatArray]:
         """Cut unknowns (n_frames, size) into arrays by owner and name."""
@@ -112,9 +116,27 @@ def make_layout(problem: MuscleForceProblem) -> Layout:
         wanted += [(term.name, spec) for spec in term.variables(problem)]
     blocks, start = [], 0
     for owner, spec in wanted:
+        _check_spec(owner, spec, problem.trajectory.n_frames)
         blocks.append(Block(owner=owner, spec=spec, start=start))
         start += len(spec.labels)
     return Layout(blocks=tuple(blocks))
+
+
+def _check_spec(owner: str, spec: VariableSpec, n_frames: int) -> None:
+    """Refuse bounds, guesses and scales that fit no frame or no number."""
+    n, where = len(spec.labels), f"of the unknowns {spec.name!r} of {owner}"
+    for what in ("lower", "upper", "guess", "scale"):
+        shape = np.shape(getattr(spec, what))
+        if shape not in ((), (n,), *(((n_frames, n),) if what != "scale" else ())):
+            raise ProblemError(f"{what} {where} has shape {shape}, expected () or ({n},) or ({n_frames}, {n})")
+    for what, bad in (
+        ("lower", ~(np.asarray(spec.lower) <= np.asarray(spec.upper))),
+        ("guess", ~np.isfinite(spec.guess)),
+        ("scale", ~(np.asarray(spec.scale) > 0) | np.isinf(spec.scale)),
+    ):
+        if np.any(bad):
+            rule = {"lower": "not above upper", "guess": "finite", "scale": "positive and finite"}[what]
+            raise ProblemError(f"{what} {where} is {getattr(spec, what)}, expected numbers that are {rule}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +166,16 @@ class FrameSymbols:
         return self._for(name, frame)
 
     def _physical(self, block: Block) -> ca.SX:
+        if not block.size:
+            return ca.SX(0, 1)
         scale = ca.DM(np.broadcast_to(block.spec.scale, (block.size,)).astype(float))
-        return self.unknowns[block.columns] * scale if block.size else ca.SX(0, 1)
+        physical = self.unknowns[block.columns] * scale
+        lower, upper = (np.asarray(b, dtype=float) for b in (block.spec.lower, block.spec.upper))
+        if lower.ndim < 2 and upper.ndim < 2:
+            # A fixed unknown is a number: a power below 2 has no second derivative at a fixed zero.
+            for i in np.flatnonzero(np.broadcast_to(lower == upper, (block.size,))):
+                physical[int(i)] = float(np.broadcast_to(lower, (block.size,))[i])
+        return physical
 
     def _bare(self) -> Frame:
         by_name = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == PROBLEM}

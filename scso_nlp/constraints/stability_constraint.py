@@ -1,0 +1,148 @@
+"""What all stability constraints have in common: rows of a joint's rotational stiffness.
+
+The formulations differ only in the ways to turn that they look at: about joint axes
+(:class:`JointStability`), along single coordinates (:class:`CoordinateStability`), or along any
+combination of coordinates (:class:`HessianStability`).
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, StiffnessLaw
+from scso_nlp.stability.rows import StabilityRows
+from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
+from scso_nlp.validation import FloatArray, positions
+
+if TYPE_CHECKING:
+    from scso_nlp.problem import MuscleForceProblem
+
+#: A meaningful difference of rotational stiffness [N·m/rad].
+STABILITY_SCALE = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityConstraint(FrameConstraint):
+    r"""Rotational stability along every chosen way to turn is at least `level`.   depends on: one frame.
+
+    .. math:: S_i = \sum_m \left(F_m \frac{\partial^2\ell_m}{\partial\theta_i^2} + k_m r_{im}^2\right)
+              + K_i - EW_i \ge \text{level}_i
+
+    with the muscle stiffness k of the stiffness law, passive stiffness K and external work EW.
+
+    Attributes
+    ----------
+    q : float, sequence of float or mapping of str to float [-]
+        Gain of :class:`ProportionalStiffness`; not used if `stiffness` is given.
+    stiffness : StiffnessLaw or None
+        None: ``ProportionalStiffness(q=q)``.
+    level : float or mapping of str to float [N·m/rad]
+        Least stability, the same for all rows or by row name (rows not named get 0).
+    passive_stiffness : mapping of str to float, or None [N·m/rad]
+        Stiffness that tissue without activation adds to each row named.
+    soft : float or None [objective per N·m/rad]
+        If given, a row may miss its level at this price; the amounts are in
+        ``solution.variables["<name>.missed"]``.
+
+    Raises
+    ------
+    ProblemError
+        A level, gain, passive stiffness or price that is not finite or negative where it must not be.
+    NameMismatchError
+        Unknown row or muscle.
+    """
+
+    q: float | Sequence[float] | Mapping[str, float] = 5.0
+    stiffness: StiffnessLaw | None = None
+    level: float | Mapping[str, float] = 0.0
+    passive_stiffness: Mapping[str, float] | None = None
+    soft: float | None = None
+
+    def __post_init__(self) -> None:
+        ProportionalStiffness(q=self.q)
+        levels = self.level.values() if isinstance(self.level, Mapping) else [self.level]
+        for value in levels:
+            if not math.isfinite(value):
+                raise ProblemError(f"level is {value:g} N·m/rad, expected a finite number")
+        for name, value in (self.passive_stiffness or {}).items():
+            if not (math.isfinite(value) and value >= 0):
+                raise ProblemError(f"passive_stiffness of {name!r} is {value:g}, expected at least 0 N·m/rad")
+        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
+            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or None")
+
+    @abc.abstractmethod
+    def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
+        """Curvature, moment arms and external work of the rows."""
+
+    @property
+    def stiffness_law(self) -> StiffnessLaw:
+        """Law in use."""
+        return self.stiffness or ProportionalStiffness(q=self.q)
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Give curvature and squared moment arms by row and muscle, and loads by row."""
+        rows = self.stability_rows(problem)
+        passive = self.by_row(self.passive_stiffness or {}, rows.rows)
+        return {
+            "curvature": rows.curvature,
+            "squared_moment_arms": rows.moment_arms**2,
+            "load": rows.external_work - passive,
+            **self.stiffness_law.data(problem),
+        }
+
+    def by_row(self, values: float | Mapping[str, float], names: Sequence[str]) -> FloatArray:
+        """Spread one value, or values by name, over rows; shape (n_rows,)."""
+        if not isinstance(values, Mapping):
+            return np.full(len(names), float(values))
+        spread = np.zeros(len(names))
+        spread[positions("stability row", values, names)] = list(values.values())
+        return spread
+
+    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+        """Name the amounts by which soft rows miss their level."""
+        if self.soft is None:
+            return ()
+        labels = tuple(f"missed_{name}" for name in self.row_names(problem))
+        return (
+            VariableSpec(name="missed", labels=labels, lower=0.0, guess=STABILITY_SCALE, scale=STABILITY_SCALE),
+        )
+
+    def penalty(self, frame: Frame) -> ca.SX | None:
+        """Price of the missed levels."""
+        return None if self.soft is None else self.soft * ca.sum1(frame.variables["missed"])
+
+    @abc.abstractmethod
+    def row_names(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Names of the rows."""
+
+    def stability(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+        """Stability of every row, shape (n_rows, 1) [N·m/rad]."""
+        stiffness = self.stiffness_law.stiffness(frame, problem)
+        data = frame.data
+        return (
+            data["curvature"] @ frame.muscle.tendon_force + data["squared_moment_arms"] @ stiffness - data["load"]
+        )
+
+    def quantities(self, frame: Frame, problem: MuscleForceProblem) -> Mapping[str, ca.SX]:
+        """Name the stiffness of every muscle [N/m]."""
+        return {"muscle_stiffness": self.stiffness_law.stiffness(frame, problem)}
+
+    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
+        """One row per way to turn, in N·m/rad."""
+        names = self.row_names(problem)
+        value = self.stability(frame, problem)
+        if self.soft is not None:
+            value += frame.variables["missed"]
+        lower = self.by_row(self.level, names)
+        return Rows(
+            value=value, lower=lower, upper=np.inf, names=names, unit="N·m/rad", scale=STABILITY_SCALE
+        )

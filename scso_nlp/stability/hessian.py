@@ -1,0 +1,156 @@
+"""The Hessian of the potential energy over chosen coordinates, and what can be read from it.
+
+.. math:: H = \\sum_m \\left(F_m C_m + k_m r_m r_m^T\\right) + K_{passive} - \\partial\\tau_{ext}/\\partial q
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.stability.rows import StabilityRows
+from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
+from scso_nlp.validation import FloatArray, positions
+
+
+@dataclass(frozen=True, kw_only=True)
+class HessianTerms:
+    """What the Hessian is made of, for coordinates chosen by name.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+    curvature : ndarray, shape (n_frames, n, n, n_muscles) [m]
+    moment_arms : ndarray, shape (n_frames, n, n_muscles) [m]
+    constant : ndarray, shape (n_frames, n, n) [N·m/rad]
+        Loads, the model's own passive elements if asked for, and passive stiffness given.
+    path_length : ndarray, shape (n_frames, n_muscles) [m]
+    """
+
+    coordinates: tuple[str, ...]
+    curvature: FloatArray
+    moment_arms: FloatArray
+    constant: FloatArray
+    path_length: FloatArray
+
+    def along(self, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Restrict to directions v: curvature v'Cv, moment arms r'v and constant v'Kv.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (n_frames, n_directions, n)
+
+        Returns
+        -------
+        curvature, moment_arms : ndarray, shape (n_frames, n_directions, n_muscles)
+        constant : ndarray, shape (n_frames, n_directions)
+        """
+        curvature = np.einsum("kdi,kijm,kdj->kdm", directions, self.curvature, directions, optimize=True)
+        moment_arms = directions @ self.moment_arms
+        constant = np.einsum("kdi,kij,kdj->kd", directions, self.constant, directions, optimize=True)
+        return curvature, moment_arms, constant
+
+    def hessian(self, tendon_force: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Put the Hessian together.
+
+        Parameters
+        ----------
+        tendon_force : ndarray, shape (n_frames, n_muscles) [N]
+        stiffness : ndarray, shape (n_frames, n_muscles) [N/m]
+
+        Returns
+        -------
+        ndarray, shape (n_frames, n, n) [N·m/rad]
+        """
+        geometric = np.einsum("kijm,km->kij", self.curvature, tendon_force, optimize=True)
+        arms = self.moment_arms
+        return geometric + (arms * stiffness[:, None, :]) @ arms.transpose(0, 2, 1) + self.constant
+
+
+def hessian_terms(
+    trajectory: MotionTrajectory,
+    coordinates: tuple[str, ...] | None = None,
+    *,
+    model_passive: bool = True,
+    passive_stiffness: FloatArray | None = None,
+) -> HessianTerms:
+    """Collect what the Hessian is made of.
+
+    Parameters
+    ----------
+    trajectory : MotionTrajectory
+        With `curvature` extracted.
+    coordinates : tuple of str or None
+        None: all those of the extracted curvature.
+    model_passive : bool
+        Include the model's own springs, bushings, limit forces and ligaments.
+    passive_stiffness : ndarray, shape (n, n) or (n_frames, n, n), optional [N·m/rad]
+        Further passive stiffness.
+
+    Returns
+    -------
+    HessianTerms
+
+    Raises
+    ------
+    ProblemError
+        The trajectory has no curvature.
+    NameMismatchError
+        A coordinate without curvature.
+    """
+    curvature = require_curvature(trajectory)
+    names = curvature.coordinates if coordinates is None else tuple(coordinates)
+    chosen = positions("coordinate with curvature", names, curvature.coordinates)
+    both = np.ix_(range(trajectory.n_frames), chosen, chosen)
+    constant = curvature.load_stiffness[both]
+    if model_passive:
+        constant = constant + curvature.passive_stiffness[both]
+    if passive_stiffness is not None:
+        constant = constant + passive_stiffness
+    return HessianTerms(
+        coordinates=names,
+        curvature=curvature.path_curvature[both],
+        moment_arms=trajectory.moment_arms[:, positions("coordinate", names, trajectory.coordinates)],
+        constant=constant,
+        path_length=trajectory.muscle_tendon_length,
+    )
+
+
+def require_curvature(trajectory: MotionTrajectory) -> CoordinateCurvature:
+    """Return the trajectory's curvature, or raise :class:`ProblemError` with the remedy."""
+    if trajectory.curvature is None:
+        raise ProblemError(
+            f"the motion {trajectory.name!r} was loaded without path curvature, which stability over "
+            "coordinates needs; load it with curvature_coordinates=(...)"
+        )
+    return trajectory.curvature
+
+
+def rows_along(terms: HessianTerms, directions: FloatArray, names: tuple[str, ...], muscles: tuple[str, ...],
+               notes: tuple[str, ...] = ()) -> StabilityRows:
+    """Make stability rows of directions; what is constant stands as (negative) external work."""
+    curvature, moment_arms, constant = terms.along(directions)
+    return StabilityRows(rows=names, muscles=muscles, curvature=curvature, moment_arms=moment_arms,
+                         path_length=terms.path_length, external_work=-constant, notes=notes)
+
+
+def smallest_eigenvalues(hessian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the smallest eigenvalue of every frame and its mode.
+
+    Parameters
+    ----------
+    hessian : ndarray, shape (n_frames, n, n) [N·m/rad]
+
+    Returns
+    -------
+    value : ndarray, shape (n_frames,) [N·m/rad]
+        Negative: some small combined turn is not pushed back.
+    mode : ndarray, shape (n_frames, n) [-]
+        That turn, of unit length, its largest entry positive.
+    """
+    values, vectors = np.linalg.eigh(hessian)
+    mode = vectors[:, :, 0]
+    largest = np.take_along_axis(mode, np.abs(mode).argmax(axis=1)[:, None], axis=1)
+    return values[:, 0], mode * np.sign(largest)
