@@ -216,8 +216,8 @@ def envelope(emg: Emg, options: EnvelopeFilter | None = None) -> Emg:
     nyquist = 0.5 / step
     if options.band_low >= nyquist:
         raise DataError(
-            f"{emg.source} is sampled at {1 / step:.4g} Hz, too slowly for a band from {options.band_low:g} Hz"
-            "; if it already is an envelope, do not filter it again"
+            f"{emg.source} is sampled at {1 / step:.4g} Hz, too slowly for a band from "
+            f"{options.band_low:g} Hz; if it already is an envelope, do not filter it again"
         )
     values = values - values.mean(axis=0)
     values = _zero_lag(values, step, options.band_low, options.order, "highpass", emg.source)
@@ -475,7 +475,7 @@ class EmgMap:
             chosen: set[str] = set()
             for pattern in group.muscles:
                 if any(character in pattern for character in "*?["):
-                    found = fnmatch.filter(muscles, pattern)
+                    found = [muscle for muscle in muscles if fnmatch.fnmatchcase(muscle, pattern)]
                     if not found:
                         close = difflib.get_close_matches(pattern.strip("*?"), muscles, n=3, cutoff=0.4)
                         hint = (

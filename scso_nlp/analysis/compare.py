@@ -1,0 +1,768 @@
+"""Put solutions of one motion side by side, and EMG beside them, as a table.
+
+`compare` takes any number of results, from memory or from result folders, brings EMG to their frames and
+gives one row per result, muscle group and metric. Nothing is ranked here: what agrees better is for
+the reader to judge, with the intervals.
+"""
+
+from __future__ import annotations
+
+import csv
+import glob
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scso_nlp.analysis import metrics
+from scso_nlp.analysis.emg import (
+    Emg,
+    EmgMap,
+    MuscleGroup,
+    normalize_to_mvc,
+    resample,
+    warn_outside_unit_range,
+)
+from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
+from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.validation import BoolArray, FloatArray, positions, read_only, unique_names
+
+if TYPE_CHECKING:
+    from scso_nlp.solution import Solution
+
+#: Longest lag looked for between prediction and EMG [s]: electromechanical delay is below 0.15 s,
+#: Cavanagh and Komi (1979), Eur J Appl Physiol 42:159-163, and filters of both signals may add to it.
+MAX_LAG = 0.2
+#: Times of two results may differ by this share of a frame and still be the same frames [-].
+SAME_TIME = 1e-3
+#: Fewer frames are a handful of chosen tasks, of which an interval would tell nothing.
+LEAST_FRAMES_FOR_INTERVAL = 16
+#: How EMG is called in the column of results.
+EMG_LABEL = "EMG"
+#: How the mean over all groups is called in the column of groups.
+ALL_GROUPS = "all groups"
+#: Activations may be this much below zero by the solver's tolerance; such values count as zero [-].
+NEGATIVE_ACTIVATION = 1e-4
+_REPORT = "report.json"
+#: Names of the statuses of frames that may be used.
+_SOLVED = ("SOLVED", "ACCEPTABLE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionResult:
+    """What a comparison needs to know of one solution.
+
+    Attributes
+    ----------
+    label : str
+        How it is called in tables and figures.
+    name : str
+        Name of the motion.
+    time : ndarray, shape (n_frames,) [s]
+    muscles : tuple of str
+    activation : ndarray, shape (n_frames, n_muscles) [-]
+        NaN allowed in frames that are not solved.
+    is_solved : ndarray of bool, shape (n_frames,)
+    stability_rows : tuple of str
+        ``"<joint>_<axis>"``.
+    stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
+    report : mapping
+        Settings, versions and times as in ``report.json``; may be empty.
+    """
+
+    label: str
+    name: str
+    time: FloatArray
+    muscles: tuple[str, ...]
+    activation: FloatArray
+    is_solved: BoolArray
+    stability_rows: tuple[str, ...] = ()
+    stability: FloatArray | None = None
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "muscles", unique_names("muscle", self.muscles))
+        set_field(self, "stability_rows", unique_names("stability row", self.stability_rows))
+        set_field(self, "report", MappingProxyType(dict(self.report)))
+        time = read_only("time", self.time, (-1,), "n_frames")
+        set_field(self, "time", time)
+        n_frames = len(time)
+        solved = np.array(self.is_solved, dtype=bool)
+        if solved.shape != (n_frames,):
+            raise DataError(f"is_solved has shape {solved.shape}, expected ({n_frames},) = (n_frames,)")
+        solved.flags.writeable = False
+        set_field(self, "is_solved", solved)
+        activation = read_only(
+            f"activation of {self.label!r}",
+            self.activation,
+            (n_frames, len(self.muscles)),
+            "n_frames, n_muscles",
+            finite=False,
+        )
+        bad = np.argwhere(~np.isfinite(activation) & solved[:, None])
+        if len(bad):
+            k, m = (int(i) for i in bad[0])
+            raise DataError(
+                f"activation of {self.label!r} is {activation[k, m]} for {self.muscles[m]} at "
+                f"t = {time[k]:g} s, in a frame that is marked as solved"
+            )
+        set_field(self, "activation", activation)
+        stability = np.zeros((n_frames, 0)) if self.stability is None else self.stability
+        shape = (n_frames, len(self.stability_rows))
+        stability = read_only(
+            f"stability of {self.label!r}", stability, shape, "n_frames, n_stability_rows", finite=False
+        )
+        set_field(self, "stability", stability)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+
+def result_of(solution: Solution, label: str) -> MotionResult:
+    """Take from a solution in memory what a comparison needs.
+
+    Parameters
+    ----------
+    solution : Solution
+    label : str
+
+    Returns
+    -------
+    MotionResult
+    """
+    trajectory = solution.problem.trajectory
+    rows: list[str] = []
+    values = [np.zeros((trajectory.n_frames, 0))]
+    for term in solution.problem.constraints:
+        result = solution.rows.get(term.name)
+        if result is not None and all(unit == "N·m/rad" for unit in result.unit):
+            rows.extend(result.names)
+            values.append(np.asarray(result.value))
+    report = solution.report
+    return MotionResult(
+        label=label,
+        name=trajectory.name,
+        time=trajectory.time,
+        muscles=trajectory.muscles,
+        activation=solution.activation,
+        is_solved=solution.is_solved,
+        stability_rows=tuple(rows),
+        stability=np.hstack(values),
+        report={
+            "summary": solution.summary(),
+            "problem": str(solution.problem),
+            "objective_terms": dict(solution.objective_terms),
+            "violation": dict(solution.violation),
+            "solver": report.solver,
+            "iterations": report.iterations,
+            "build_seconds": report.build_seconds,
+            "solve_seconds": report.solve_seconds,
+            "options": dict(report.options),
+            "versions": dict(report.versions),
+        },
+    )
+
+
+def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
+    """Read a result folder back, as written by :func:`scso_nlp.io.results.write_solution`.
+
+    Parameters
+    ----------
+    folder : path
+        Holds ``report.json``, the activation file and, with stability rows, the stability file.
+    label : str, optional
+        The folder's name by default.
+
+    Returns
+    -------
+    MotionResult
+
+    Raises
+    ------
+    DataError
+        No such folder, or a run that was not written completely.
+    FileFormatError
+        A report or table that cannot be read as such, or that do not belong together.
+    """
+    folder = Path(folder)
+    report = _read_report(folder)
+    name = report["name"]
+    table = _only_file(folder, name, "activation.sto")
+    statuses = report["frame_status"]
+    if len(statuses) != table.n_frames:
+        raise FileFormatError(
+            f"{folder}: {_REPORT} has {len(statuses)} frames and {table.source} has {table.n_frames}: "
+            "they are not of one run"
+        )
+    muscles = _muscle_names(folder, report, table)
+    rows: tuple[str, ...] = ()
+    stability = None
+    if any(folder.glob(f"{glob.escape(name)}_stability.sto")):
+        found = read_storage(folder / f"{name}_stability.sto")
+        if found.n_frames != table.n_frames:
+            raise FileFormatError(f"{found.source} and {table.source} have different numbers of frames")
+        suffix = "_stability"
+        columns = [label for label in found.labels if label.endswith(suffix)]
+        rows = tuple(column.removesuffix(suffix) for column in columns)
+        stability = found.columns(columns)
+    return MotionResult(
+        label=folder.resolve().name if label is None else label,
+        name=name,
+        time=table.time,
+        muscles=tuple(muscles),
+        activation=table.columns(muscles),
+        is_solved=np.array([status in _SOLVED for status in statuses]),
+        stability_rows=rows,
+        stability=stability,
+        report=report,
+    )
+
+
+def read_results(
+    folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()
+) -> tuple[MotionResult, ...]:
+    """Read several result folders, each under a label of its own.
+
+    Parameters
+    ----------
+    folders : sequence of path
+    labels : sequence of str, optional
+        One per folder; otherwise the shortest ends of their paths that differ.
+
+    Returns
+    -------
+    tuple of MotionResult
+
+    Raises
+    ------
+    DataError
+        Not one label per folder, a folder given twice, or as :func:`read_result`.
+    """
+    paths = [Path(folder).resolve() for folder in folders]
+    if len(set(paths)) < len(paths):
+        raise DataError("a result folder is given twice, expected different ones")
+    if not labels:
+        depth = 1
+        while len({path.parts[-depth:] for path in paths}) < len(paths):
+            depth += 1
+        labels = ["/".join(path.parts[-depth:]) for path in paths]
+    if len(labels) != len(paths):
+        raise DataError(f"{len(labels)} labels for {len(paths)} results, expected one each")
+    return tuple(read_result(path, label) for path, label in zip(paths, labels, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow:
+    """One number of the table.
+
+    Attributes
+    ----------
+    result : str
+        Label of the result, or ``"EMG"``.
+    group : str
+        Muscle group, pair of groups or stability row.
+    metric : str
+    value : float [unit]
+        NaN where the metric is not defined; `note` says why.
+    low, high : float [unit]
+        95 % bootstrap interval; NaN where there is none.
+    unit : str
+    note : str
+    """
+
+    result: str
+    group: str
+    metric: str
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+    unit: str = "-"
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Results of one motion on common frames, with their table.
+
+    Attributes
+    ----------
+    results : tuple of MotionResult
+    groups : tuple of MuscleGroup
+    time : ndarray, shape (n_frames,) [s]
+    is_used : ndarray of bool, shape (n_frames,)
+        Frames that every result has solved; the table is made from these.
+    activity : mapping of str to ndarray, shape (n_frames, n_groups) [-]
+        Mean activation of each group, by label of the result; NaN in frames that are not solved.
+    emg : ndarray, shape (n_frames, n_groups) [-] or None
+        Mean of the channels of each group; NaN for groups without channels.
+    rows : tuple of ComparisonRow
+    """
+
+    results: tuple[MotionResult, ...]
+    groups: tuple[MuscleGroup, ...]
+    time: FloatArray
+    is_used: BoolArray
+    activity: Mapping[str, FloatArray]
+    emg: FloatArray | None
+    rows: tuple[ComparisonRow, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the results."""
+        return tuple(result.label for result in self.results)
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """Names of the groups."""
+        return tuple(group.name for group in self.groups)
+
+
+def compare(
+    results: Sequence[MotionResult],
+    *,
+    emg_map: EmgMap | None = None,
+    emg: Emg | None = None,
+    start_offset: float = 0.0,
+    n_resamples: int = 1000,
+    seed: int = 0,
+) -> Comparison:
+    """Compare results of one motion with each other and with EMG.
+
+    Parameters
+    ----------
+    results : sequence of MotionResult
+        With the same muscles at the same times, and labels of their own.
+    emg_map : EmgMap, optional
+        Muscle groups; every muscle is a group of its own without it. Needed with `emg`.
+    emg : Emg, optional
+        Envelope as a fraction of the maximum, or of the unit of the map's references.
+    start_offset : float [s]
+        Added to the EMG's time.
+    n_resamples : int
+        For the intervals; 0 for none.
+    seed : int
+        Of the resampling.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    DataError
+        No result, different motions, no common solved frame, or EMG that does not cover the motion.
+    NameMismatchError
+        Different muscles, or names in the map that are not there.
+    """
+    results = tuple(results)
+    time, used = _common_frames(results)
+    muscles = results[0].muscles
+    if emg is not None and emg_map is None:
+        raise DataError("EMG needs a map file that says which channels belong to which muscles")
+    if emg_map is None:
+        groups = tuple(MuscleGroup(name=muscle, muscles=(muscle,)) for muscle in muscles)
+    else:
+        emg_map = emg_map.resolve(muscles, None if emg is None else emg.channels)
+        groups = emg_map.groups
+    activity = {result.label: _group_activity(result, groups) for result in results}
+    measured = None if emg is None or emg_map is None else _group_emg(emg, emg_map, time, start_offset)
+
+    sampling = _Resampling(n_resamples=n_resamples, seed=seed)
+    rows: list[ComparisonRow] = []
+    for result in results:
+        rows.extend(_level_rows(result.label, groups, activity[result.label][used]))
+        if measured is not None:
+            rows.extend(
+                _agreement_rows(
+                    result.label, groups, activity[result.label][used], measured[used], time[used], sampling
+                )
+            )
+        elif result is not results[0]:
+            rows.extend(_change_rows(result.label, results[0].label, groups, activity, used))
+    if measured is not None:
+        rows.extend(_level_rows(EMG_LABEL, groups, measured[used]))
+    if emg_map is not None:
+        sources = dict(activity) if measured is None else {**activity, EMG_LABEL: measured}
+        for label, series in sources.items():
+            rows.extend(_pair_rows(label, emg_map, groups, series[used], sampling))
+    for result in results:
+        rows.extend(_stability_rows(result, used))
+    return Comparison(
+        results=results,
+        groups=groups,
+        time=time,
+        is_used=used,
+        activity=MappingProxyType(activity),
+        emg=measured,
+        rows=tuple(rows),
+    )
+
+
+def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -> None:
+    """Write the table, one line per number, numbers with all digits.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    path : str or path-like
+        An existing file is replaced.
+
+    Raises
+    ------
+    DataError
+        The file cannot be written.
+    """
+    names = ("result", "group", "metric", "value", "low", "high", "unit", "note")
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        with open(temporary, "w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(names)
+            for row in comparison.rows:
+                cells = [getattr(row, name) for name in names]
+                writer.writerow("" if isinstance(c, float) and math.isnan(c) else c for c in cells)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def format_comparison(comparison: Comparison) -> str:
+    """Lay the table out as text: one line per group and metric, one column per result.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+        With the intervals in brackets and the notes below.
+    """
+    columns = list(dict.fromkeys(row.result for row in comparison.rows))
+    cells: dict[tuple[str, str, str], dict[str, ComparisonRow]] = {}
+    for row in comparison.rows:
+        cells.setdefault((row.metric, row.group, row.unit), {})[row.result] = row
+    lines = [("metric", "group", "unit", *columns)]
+    notes: list[str] = []
+    previous = ""
+    for (metric, group, unit), by_result in cells.items():
+        entries = []
+        for column in columns:
+            found = by_result.get(column)
+            if found is not None and found.note and found.note not in notes:
+                notes.append(found.note)
+            entries.append("" if found is None else format_number(found, notes))
+        lines.append(("" if metric == previous else metric, group, unit, *entries))
+        previous = metric
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    text = [
+        "  ".join(
+            cell.ljust(width) if i < 3 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    ]
+    text.insert(1, "  ".join("-" * width for width in widths))
+    n_used, n_frames = int(comparison.is_used.sum()), len(comparison.is_used)
+    text.append(f"\nFrom {n_used} of {n_frames} frames" + ("." if n_used == n_frames else ", solved by all."))
+    if any(not math.isnan(row.low) for row in comparison.rows):
+        text.append("In brackets: 95 % moving-block bootstrap over the frames of this motion.")
+    text.extend(f"[{i + 1}] {note}" for i, note in enumerate(notes))
+    return "\n".join(text)
+
+
+def format_number(row: ComparisonRow, notes: Sequence[str] = ()) -> str:
+    """Write one number with its interval, or the number of the note that says why there is none.
+
+    Parameters
+    ----------
+    row : ComparisonRow
+    notes : sequence of str
+        Notes in the order in which they are listed.
+
+    Returns
+    -------
+    str
+    """
+    mark = f" [{notes.index(row.note) + 1}]" if row.note and row.note in notes else ""
+    if math.isnan(row.value):
+        return f"n/a{mark}"
+    text = f"{row.value:.3f}" if abs(row.value) < 100 else f"{row.value:.4g}"
+    if not math.isnan(row.low):
+        text += f" ({row.low:.3f} to {row.high:.3f})"
+    return text + mark
+
+
+def _read_report(folder: Path) -> dict[str, Any]:
+    """Read ``report.json`` and check what is used of it."""
+    path = folder / _REPORT
+    if not folder.is_dir():
+        raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DataError(
+            f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
+        ) from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path} is not JSON: {error}") from None
+    expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}
+    if not isinstance(report, dict) or report.get("program") != "scso_nlp":
+        raise FileFormatError(f"{path} is not a report of scso_nlp")
+    for key, kind in expected.items():
+        if not isinstance(report.get(key), kind):
+            raise FileFormatError(f"{path}: {key!r} is missing or not a {kind.__name__}")
+    if not report["name"] or any(character in report["name"] for character in "/\\\0"):
+        raise FileFormatError(f"{path}: the name {report['name']!r} cannot be the start of file names")
+    return report
+
+
+def _muscle_names(folder: Path, report: dict[str, Any], table: Storage) -> tuple[str, ...]:
+    """Tell the columns of muscles from those of reserves and residuals."""
+    problem = report["problem"]
+    names = problem.get("muscle_names")
+    if names is None and problem.get("actuators") == 0 and problem.get("muscles") == table.n_columns:
+        return table.labels
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise FileFormatError(
+            f"{folder / _REPORT} does not say which of the {table.n_columns} columns of the activation file "
+            "are muscles, expected problem.muscle_names"
+        )
+    return tuple(names)
+
+
+def _only_file(folder: Path, name: str, ending: str) -> Storage:
+    found = sorted(folder.glob(f"{glob.escape(name)}_*_{ending}"))
+    if len(found) != 1:
+        raise DataError(
+            f"{folder} has {len(found)} files {name}_*_{ending}, expected one"
+            + (f": {', '.join(path.name for path in found[:4])}" if found else "")
+        )
+    return read_storage(found[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Resampling:
+    n_resamples: int
+    seed: int
+
+
+def _common_frames(results: tuple[MotionResult, ...]) -> tuple[FloatArray, BoolArray]:
+    if not results:
+        raise DataError("no result to compare, expected at least one")
+    unique_names("result label", (result.label for result in results))
+    if any(result.label == EMG_LABEL for result in results):
+        raise DataError(f"{EMG_LABEL!r} is taken, give the result another label")
+    first = results[0]
+    used = np.ones(first.n_frames, dtype=bool)
+    for result in results:
+        if result.muscles != first.muscles:
+            missing = [name for name in first.muscles if name not in result.muscles]
+            extra = [name for name in result.muscles if name not in first.muscles]
+            raise NameMismatchError(
+                f"{result.label!r} and {first.label!r} are not of one model: "
+                f"missing muscles {missing[:6] or 'none'}, extra {extra[:6] or 'none'}"
+                + ("" if missing or extra else ", different order")
+            )
+        if result.n_frames != first.n_frames:
+            raise DataError(
+                f"{result.label!r} has {result.n_frames} frames and {first.label!r} has {first.n_frames}: "
+                "expected one motion"
+            )
+        step = float(np.diff(first.time).min()) if first.n_frames > 1 else 1.0
+        apart = np.flatnonzero(np.abs(result.time - first.time) > SAME_TIME * step)
+        if len(apart):
+            k = int(apart[0])
+            raise DataError(
+                f"frame {k} of {result.label!r} is at t = {result.time[k]} s, of {first.label!r} at "
+                f"{first.time[k]} s: expected one motion"
+            )
+        used &= result.is_solved
+    if not used.any():
+        raise DataError("no frame is solved in all results, nothing can be compared")
+    return first.time, used
+
+
+def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> FloatArray:
+    solved = np.where(result.is_solved[:, None], result.activation, np.nan)
+    low = float(np.nanmin(solved, initial=0.0))
+    if low < -NEGATIVE_ACTIVATION:
+        raise DataError(f"{result.label!r} has an activation of {low:g}, expected 0 or more")
+    solved = np.maximum(solved, 0.0)
+    return np.column_stack(
+        [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
+    )
+
+
+def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float) -> FloatArray:
+    used = [channel for group in emg_map.groups for channel in group.channels]
+    if not used:
+        raise DataError(f"{emg_map.source} names no EMG channel, expected at least one group with channels")
+    emg = emg.select(used)
+    if emg_map.mvc:
+        emg = normalize_to_mvc(emg, emg_map.mvc)
+    else:
+        warn_outside_unit_range(emg)
+    emg = resample(emg, time, start_offset=start_offset)
+    columns = [
+        emg.values[:, positions("EMG channel", group.channels, emg.channels)].mean(axis=1)
+        if group.channels
+        else np.full(len(time), np.nan)
+        for group in emg_map.groups
+    ]
+    return np.column_stack(columns)
+
+
+def _level_rows(label: str, groups: Sequence[MuscleGroup], series: FloatArray) -> list[ComparisonRow]:
+    rows = []
+    for metric, reduce in (("mean activity", np.mean), ("peak activity", np.max)):
+        for group, column in zip(groups, series.T, strict=True):
+            if not np.isnan(column).all():
+                rows.append(
+                    ComparisonRow(result=label, group=group.name, metric=metric, value=float(reduce(column)))
+                )
+    return rows
+
+
+def _change_rows(
+    label: str,
+    reference: str,
+    groups: Sequence[MuscleGroup],
+    activity: Mapping[str, FloatArray],
+    used: BoolArray,
+) -> list[ComparisonRow]:
+    return [
+        ComparisonRow(
+            result=label,
+            group=group.name,
+            metric=f"mean absolute difference from {reference}",
+            value=metrics.mean_absolute_difference(activity[label][used, g], activity[reference][used, g]),
+        )
+        for g, group in enumerate(groups)
+    ]
+
+
+def _agreement_rows(
+    label: str,
+    groups: Sequence[MuscleGroup],
+    predicted: FloatArray,
+    measured: FloatArray,
+    time: FloatArray,
+    sampling: _Resampling,
+) -> list[ComparisonRow]:
+    rows = []
+    pairs: tuple[tuple[str, Callable[[FloatArray, FloatArray], float]], ...] = (
+        ("mean absolute difference", metrics.mean_absolute_difference),
+        ("RMSE", metrics.root_mean_square_error),
+        ("Pearson r", metrics.pearson_correlation),
+    )
+    with_emg = [g for g, group in enumerate(groups) if group.channels]
+    for metric, function in pairs:
+        for g in with_emg:
+            rows.append(
+                _row(label, groups[g].name, metric, function, predicted[:, g], measured[:, g], sampling)
+            )
+        if metric == "mean absolute difference":
+            # every group counts once, as every muscle does in the paper
+            differences = np.abs(predicted[:, with_emg] - measured[:, with_emg]).mean(axis=1)
+            rows.append(
+                _row(
+                    label,
+                    ALL_GROUPS,
+                    metric,
+                    function,
+                    differences,
+                    np.zeros_like(differences),
+                    sampling,
+                )
+            )
+    for g in with_emg:
+        try:
+            best = metrics.cross_correlation(predicted[:, g], measured[:, g], time, max_lag=MAX_LAG)
+            found = (best.correlation, best.lag, "")
+        except DataError as error:
+            found = (math.nan, math.nan, str(error))
+        for metric, value, unit in (("best lagged r", found[0], "-"), ("lag of best r", found[1], "s")):
+            rows.append(
+                ComparisonRow(
+                    result=label, group=groups[g].name, metric=metric, value=value, unit=unit, note=found[2]
+                )
+            )
+    return rows
+
+
+def _pair_rows(
+    label: str, emg_map: EmgMap, groups: Sequence[MuscleGroup], series: FloatArray, sampling: _Resampling
+) -> list[ComparisonRow]:
+    names = [group.name for group in groups]
+    rows = []
+    for metric, function in (
+        ("activity ratio", metrics.activity_ratio),
+        ("common activity", metrics.common_activity),
+        ("co-contraction", metrics.co_contraction),
+    ):
+        for pair in emg_map.pairs:
+            sides = [
+                series[:, positions("group", side, names)].mean(axis=1)
+                for side in (pair.numerator, pair.denominator)
+            ]
+            if not any(np.isnan(side).any() for side in sides):
+                rows.append(_row(label, pair.name, metric, function, sides[0], sides[1], sampling))
+    return rows
+
+
+def _stability_rows(result: MotionResult, used: BoolArray) -> list[ComparisonRow]:
+    assert result.stability is not None  # set by __post_init__
+    rows = []
+    for row, values in zip(result.stability_rows, result.stability[used].T, strict=True):
+        if np.isfinite(values).any():
+            rows.append(
+                ComparisonRow(
+                    result=result.label,
+                    group=row,
+                    metric="smallest stability",
+                    value=float(np.nanmin(values)),
+                    unit="N·m/rad",
+                )
+            )
+    return rows
+
+
+def _row(
+    label: str,
+    group: str,
+    metric: str,
+    function: Callable[[FloatArray, FloatArray], float],
+    first: FloatArray,
+    second: FloatArray,
+    sampling: _Resampling,
+) -> ComparisonRow:
+    """Make one row; what is not defined becomes NaN with the reason."""
+    try:
+        value = function(first, second)
+    except DataError as error:
+        return ComparisonRow(result=label, group=group, metric=metric, value=math.nan, note=str(error))
+    low = high = math.nan
+    note = ""
+    if sampling.n_resamples and len(first) >= LEAST_FRAMES_FOR_INTERVAL:
+        try:
+            interval = metrics.bootstrap_interval(
+                function, first, second, n_resamples=sampling.n_resamples, seed=sampling.seed
+            )
+            low, high = interval.low, interval.high
+        except DataError as error:
+            note = str(error)
+    return ComparisonRow(result=label, group=group, metric=metric, value=value, low=low, high=high, note=note)
