@@ -1,0 +1,129 @@
+"""``scso compare``: results of one motion side by side, and EMG beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from scso_nlp.cli.exit_codes import exit_codes
+from scso_nlp.exceptions import DataError
+
+if TYPE_CHECKING:
+    from scso_nlp.analysis.compare import Comparison
+
+Results = Annotated[
+    list[Path], typer.Argument(metavar="RESULT...", help="Result folders of one motion, written by scso run.")
+]
+Labels = Annotated[
+    str | None, typer.Option(metavar="A,B,...", help="Names of the results. [default: their folders']")
+]
+EmgFile = Annotated[Path | None, typer.Option("--emg", help="EMG: .sto, .mot or .csv, see --emg-map.")]
+EmgMapFile = Annotated[
+    Path | None,
+    typer.Option("--emg-map", help="TOML file: groups of muscles and the EMG channels over them."),
+]
+RawEmg = Annotated[
+    bool, typer.Option("--raw-emg", help="The EMG is raw: band-pass, rectify and smooth it first.")
+]
+PeakEmg = Annotated[
+    bool, typer.Option("--peak-emg", help="Divide each channel by its largest value: compare shapes only.")
+]
+EmgOffset = Annotated[float, typer.Option(help="Added to the times of the EMG [s].")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say what is being done.")]
+
+
+def compare(
+    results: Results,
+    labels: Labels = None,
+    emg: EmgFile = None,
+    emg_map: EmgMapFile = None,
+    raw_emg: RawEmg = False,
+    peak_emg: PeakEmg = False,
+    emg_offset: EmgOffset = 0.0,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for comparison.csv and figures. [default: only print]")
+    ] = None,
+    verbose: Verbose = False,
+) -> None:
+    """Compare results of one motion with each other and with EMG.
+
+    Without a map file every muscle stands for itself. Frames that some result has not solved are left out of
+    all numbers.
+    """
+    with exit_codes(verbose):
+        from scso_nlp.analysis.compare import format_comparison, write_comparison_csv
+
+        comparison = read_comparison(
+            results,
+            labels=labels,
+            emg=emg,
+            emg_map=emg_map,
+            raw_emg=raw_emg,
+            peak_emg=peak_emg,
+            emg_offset=emg_offset,
+        )
+        typer.echo(format_comparison(comparison))
+        if output is not None:
+            try:
+                output.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise DataError(f"{output} cannot be made: {error.strerror or error}") from None
+            write_comparison_csv(comparison, output / "comparison.csv")
+            _write_figures(comparison, output)
+            typer.echo(f"\ntable and figures in {output}")
+
+
+def read_comparison(
+    results: list[Path],
+    *,
+    labels: str | None,
+    emg: Path | None,
+    emg_map: Path | None,
+    raw_emg: bool,
+    peak_emg: bool,
+    emg_offset: float,
+) -> Comparison:
+    """Read everything that the options name and compare it; see :func:`compare`."""
+    from scso_nlp.analysis.compare import compare as compare_results
+    from scso_nlp.analysis.compare import read_results
+    from scso_nlp.analysis.emg import envelope, normalize_to_peak, read_emg, read_emg_map
+
+    groups = None if emg_map is None else read_emg_map(emg_map)
+    measured = None if emg is None else read_emg(emg)
+    if measured is None and (raw_emg or peak_emg or emg_offset):
+        raise DataError(
+            "--raw-emg, --peak-emg and --emg-offset say something about EMG, but there is no --emg"
+        )
+    if measured is not None and groups is not None and (raw_emg or peak_emg):
+        # other channels, e.g. a silent reference, cannot be normalized
+        used = [channel for group in groups.groups for channel in group.channels]
+        measured = measured.select(used)
+        measured = envelope(measured) if raw_emg else measured
+        if peak_emg and groups.mvc:
+            raise DataError(
+                f"{emg_map} has references in [mvc], so --peak-emg would divide twice; choose one"
+            )
+        measured = normalize_to_peak(measured) if peak_emg else measured
+    names = [name.strip() for name in labels.split(",")] if labels else []
+    return compare_results(
+        read_results(results, names), emg=measured, emg_map=groups, start_offset=emg_offset
+    )
+
+
+def _write_figures(comparison: Comparison, folder: Path) -> None:
+    from scso_nlp.analysis.comparison_plots import (
+        FEW_FRAMES,
+        plot_activity,
+        plot_mean_activity,
+        plot_task_bars,
+    )
+
+    figures = {"activity": plot_activity(comparison), "mean_activity": plot_mean_activity(comparison)}
+    if len(comparison.time) <= FEW_FRAMES:
+        tasks = [f"{time:g}" for time in comparison.time]
+        figures["tasks"] = plot_task_bars(comparison, tasks, x_label="Task, by its time [s]")
+    for what, figure in figures.items():
+        for kind in ("png", "pdf"):
+            figure.savefig(folder / f"comparison_{what}.{kind}")

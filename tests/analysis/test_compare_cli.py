@@ -1,0 +1,97 @@
+"""The two commands from result folders on disk to text, files and exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from solution_by_hand import solution_by_hand
+from typer.testing import CliRunner
+
+from scso_nlp.cli.compare import compare
+from scso_nlp.cli.report import report
+from scso_nlp.io.results import write_solution
+
+APP = typer.Typer()
+APP.command()(compare)
+APP.command()(report)
+
+MAP = """
+format = 1
+[groups.front]
+muscles = ["front_*"]
+channels = ["ch1"]
+[groups.back]
+muscles = ["back_*"]
+[pairs."front over back"]
+numerator = ["front"]
+denominator = ["back"]
+"""
+
+
+def call(*arguments):
+    return CliRunner().invoke(APP, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Result folders of the same motion with and without stability rows, EMG and a map."""
+    for label, stability, tonus in (("so", False, 0.0), ("scso", True, 0.05)):
+        solution = solution_by_hand(21, stability=stability, tonus=tonus)
+        write_solution(solution, tmp_path / label, figures=False)
+        path = tmp_path / label / "report.json"
+        content = json.loads(path.read_text())
+        content["problem"].setdefault("muscle_names", list(solution.problem.trajectory.muscles))
+        path.write_text(json.dumps(content))
+    time = np.arange(-100, 1200) / 1000
+    rows = "\n".join(f"{t:.3f},{0.1 + 0.05 * np.sin(6 * t):.6f}" for t in time)
+    (tmp_path / "emg.csv").write_text(f"time,ch1\n{rows}\n")
+    (tmp_path / "map.toml").write_text(MAP)
+    return tmp_path
+
+
+def test_compare_prints_a_table_and_writes_csv_and_figures(runs):
+    emg = ("--emg", runs / "emg.csv", "--emg-map", runs / "map.toml")
+    found = call("compare", runs / "so", runs / "scso", *emg, "--output", runs / "out")
+    assert found.exit_code == 0, found.output
+    assert found.output.splitlines()[0].split() == ["metric", "group", "unit", "so", "scso", "EMG"]
+    assert "front over back" in found.output
+    assert "From 21 of 21 frames." in found.output
+    assert {path.name for path in (runs / "out").iterdir()} == {
+        "comparison.csv",
+        *(f"comparison_{what}.{kind}" for what in ("activity", "mean_activity") for kind in ("png", "pdf")),
+    }
+
+
+def test_report_writes_one_page(runs):
+    found = call("report", runs / "so", runs / "scso", "--labels", "SO,SCSO", "--output", runs / "page.html")
+    assert found.exit_code == 0, found.output
+    text = (runs / "page.html").read_text(encoding="utf-8")
+    assert '<th scope="row">SCSO</th>' in text
+    assert "all 21 frames solved" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["compare", "nothing"], "is not a folder"),
+        (["compare", "so", "--peak-emg"], "there is no --emg"),
+        (["compare", "so", "--emg", "emg.csv"], "needs a map file"),
+        (["compare", "so", "so"], "given twice"),
+        (["compare", "so", "scso", "--labels", "a"], "1 labels for 2 results"),
+        (
+            ["compare", "so", "--emg", "emg.csv", "--emg-map", "map.toml", "--emg-offset", "50"],
+            "the motion needs",
+        ),
+        (["compare", "so", "--output", "map.toml"], "cannot be made"),
+        (["report", "so", "--output", "no/page.html"], "cannot be written"),
+    ],
+)
+def test_what_cannot_be_used_ends_with_code_2_and_one_sentence(runs, arguments, message):
+    files = [
+        runs / a if (runs / a).exists() or a in ("nothing", "no/page.html") else a for a in arguments[1:]
+    ]
+    found = call(arguments[0], *files)
+    assert found.exit_code == 2, found.output
+    assert found.output.splitlines()[-1].startswith("error: ")
+    assert message in found.output
