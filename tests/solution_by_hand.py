@@ -8,6 +8,7 @@ from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.objectives import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import RowResult, Shortfall, Solution, SolveReport, Status
+from scso_nlp.stability import joint_stability, potvin_brown
 from scso_nlp.trajectory import MotionTrajectory, Skeleton
 
 #: Moment arms of two antagonists about one axis [m].
@@ -147,8 +148,7 @@ def solution_by_hand(
     violation = {"MomentEquilibrium": float(np.abs(residual).max()), "bounds": 0.0}
     if stability:
         term = constraints[1]
-        data = term.data(problem)
-        value = np.einsum("krm,km->kr", data["geometric_stability"], force) - data["external_work"]
+        value = joint_stability(potvin_brown(trajectory, axes=("z",)), force, 5.0)
         multiplier = np.zeros_like(value)
         multiplier[0] = 0.25
         rows["JointStability"] = RowResult(
@@ -185,6 +185,7 @@ def solution_by_hand(
         tendon_force=force,
         actuator_force=OPTIMAL_FORCE * control,
         variables={},
+        quantities={},
         rows=rows,
         objective_terms={"ActivationEffort": effort},
         violation=violation,

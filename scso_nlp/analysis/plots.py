@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from scso_nlp.analysis.moment_balance import moment_balance
 from scso_nlp.analysis.stability_margin import stability_margin
-from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.solution import Solution
 from scso_nlp.validation import FloatArray, read_only
@@ -135,7 +135,9 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
         if has_actuators:
             _curve(panel, x, balance.actuators[:, c], color=_VERMILION, line="-", label="reserves")
             share = balance.actuator_share[c]
-            title += "\nreserves: " + (f"{100 * share:.2g} %" if np.isfinite(share) else "-")
+            title += "\nreserves: " + (
+                f"{100 * share:.{0 if share >= 0.1 else 1}f} %" if np.isfinite(share) else "-"
+            )
         _shade_failed(panel, x, solution)
         _widen(panel)
         _title(panel, title)
@@ -173,7 +175,7 @@ def plot_stability(
     if own is None:
         raise DataError(
             f"the solution of {solution.problem.trajectory.name!r} has no stability rows, "
-            "expected a JointStability constraint"
+            "expected a stability constraint"
         )
     other = None if baseline is None else stability_margin(baseline, rows_of=solution)
     x, label = _horizontal(solution, horizontal)
@@ -211,7 +213,7 @@ def _horizontal(solution: Solution, horizontal: HorizontalAxis | None) -> tuple[
 def _names(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
     """Name both curves: by the stability rows that only one of them has, otherwise by their roles."""
     own, other = (
-        run is not None and any(isinstance(term, JointStability) for term in run.problem.constraints)
+        run is not None and any(isinstance(term, StabilityConstraint) for term in run.problem.constraints)
         for run in (solution, baseline)
     )
     if own == other:

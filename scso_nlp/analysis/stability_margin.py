@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
-from scso_nlp.solution import Solution
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.solution import RowResult, Solution
+from scso_nlp.transcription.build import describe
+from scso_nlp.transcription.check import row_results
+from scso_nlp.transcription.layout import PROBLEM
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
@@ -22,7 +26,7 @@ class StabilityMargin:
     Attributes
     ----------
     rows : tuple of str
-        ``"<joint>_<axis>"``.
+        ``"<joint>_<axis>"``, or what the constraint calls them.
     stability : ndarray, shape (n_frames, n_rows) [N·m/rad]
         NaN in frames that are not solved.
     level : ndarray, shape (n_rows,) [N·m/rad]
@@ -69,17 +73,19 @@ def stability_margin(solution: Solution, rows_of: Solution | None = None) -> Sta
     """
     source = solution if rows_of is None else rows_of
     _same_motion(solution, source)
-    terms = [term for term in source.problem.constraints if isinstance(term, JointStability)]
+    terms = [term.name for term in source.problem.constraints if isinstance(term, StabilityConstraint)]
     if not terms:
         return None
-    results = [source.rows[term.name] for term in terms]
     if source is solution:
-        stability = np.hstack([result.value for result in results])
-        multiplier = np.hstack([result.multiplier for result in results])
+        results = [solution.rows[name] for name in terms]
+        missed = [solution.variables.get(f"{name}.missed", 0.0) for name in terms]
     else:
-        stability = np.hstack([_stability(term, source, solution.tendon_force) for term in terms])
-        multiplier = np.full(stability.shape, np.nan)
+        rows = _rows_at(solution, source.problem)
+        results, missed = [rows[name] for name in terms], [0.0] * len(terms)
     failed = ~solution.is_solved[:, np.newaxis]
+    # rows of a soft constraint count what they miss as reached
+    stability = np.hstack([result.value - gap for result, gap in zip(results, missed, strict=True)])
+    multiplier = np.hstack([result.multiplier for result in results])
     return StabilityMargin(
         rows=tuple(name for result in results for name in result.names),
         stability=np.where(failed, np.nan, stability),
@@ -88,9 +94,18 @@ def stability_margin(solution: Solution, rows_of: Solution | None = None) -> Sta
     )
 
 
-def _stability(term: JointStability, source: Solution, tendon_force: FloatArray) -> FloatArray:
-    data = term.data(source.problem)
-    return np.einsum("krm,km->kr", data["geometric_stability"], tendon_force) - data["external_work"]
+def _rows_at(solution: Solution, problem: MuscleForceProblem) -> dict[str, RowResult]:
+    """Evaluate the rows of a problem at the unknowns of a solution; unknowns it has not are zero."""
+    program = describe(problem)
+    n_frames = problem.trajectory.n_frames
+    parts = {(PROBLEM, "activation"): solution.activation, (PROBLEM, "control"): solution.control}
+    for name, values in solution.variables.items():
+        owner, _, variable = name.rpartition(".")
+        parts[owner, variable] = values
+    unknowns = program.layout.join(parts, np.zeros_like(program.layout.rows("guess", n_frames)))
+    n_rows = [sum(len(b.names) for b in program.row_blocks if b.is_pair == pair) for pair in (False, True)]
+    unknown_multipliers = np.full((n_frames, n_rows[0]), np.nan), np.full((n_frames - 1, n_rows[1]), np.nan)
+    return row_results(program, np.nan_to_num(unknowns), unknown_multipliers)
 
 
 def _same_motion(solution: Solution, other: Solution) -> None:

@@ -1,0 +1,86 @@
+"""``scso example``: the embedded examples, solved with and without stability rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
+
+if TYPE_CHECKING:
+    from scso_nlp.run import RunResult
+
+
+def example(
+    name: Annotated[str | None, typer.Argument(help="Without it: list the examples.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder of the results. [default: scso_results/<name>]")
+    ] = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")] = True,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is being done.")] = False,
+) -> None:
+    """Solve an embedded example by static optimization and with stability rows, and compare."""
+    with exit_codes(verbose):
+        from scso_nlp.examples import example_folder, example_names
+
+        if name is None:
+            width = max(len(known) for known in example_names())
+            for known in example_names():
+                typer.echo(f"{known:<{width}}  {_title(example_folder(known))}")
+            return
+        from dataclasses import replace
+
+        from scso_nlp.run import run, write_run
+        from scso_nlp.settings import OutputSettings, read_settings
+
+        source = example_folder(name)
+        settings, _ = read_settings(source / "scso.toml")
+        result = run(settings)
+        folder = output or Path("scso_results") / name
+        if result.baseline is not None:
+            plain = replace(result, solution=result.baseline, baseline=None)
+            write_run(plain, OutputSettings(folder=folder / "static_optimization", figures=figures))
+        write_run(result, OutputSettings(folder=folder / "with_stability", figures=figures))
+        typer.echo(f"{name}: {_title(source)}")
+        typer.echo(f"(provenance and limits: {source / 'README.md'})\n")
+        typer.echo(_table(result))
+        typer.echo(f"\n{result.solution.summary()}\nfiles and figures in {folder}")
+        if not result.is_solved:
+            raise typer.Exit(FRAME_FAILED)
+
+
+def _title(folder: Path) -> str:
+    """First line of the example's settings file."""
+    with open(folder / "scso.toml", encoding="utf-8") as file:
+        return file.readline().removeprefix("#").strip()
+
+
+def _table(result: RunResult) -> str:
+    """One line per frame: mean activation and least stable row, without and with stability rows."""
+    from scso_nlp.analysis.stability_margin import stability_margin
+
+    solution = result.solution
+    runs = [run for run in (result.baseline, solution) if run is not None]
+    margins = [stability_margin(run, rows_of=solution) for run in runs]
+    names = ["static optimization", "with stability rows"][-len(runs) :]
+    lines = [
+        " " * 8 + "".join(f"  | {name:<40}" for name in names),
+        f"{'time [s]':>8}" + f"  | {'activation':>10}  {'least margin [N·m/rad]':<28}" * len(runs),
+    ]
+    for k, time in enumerate(solution.problem.trajectory.time):
+        cells = f"{time:8.4g}"
+        for run, margin in zip(runs, margins, strict=True):
+            if not run.is_solved[k]:
+                cells += f"  | {'not solved':<40}"
+                continue
+            cells += f"  | {np.mean(run.activation[k]):10.4f}  "
+            if margin is not None:
+                row = int(np.argmin(margin.margin[k]))
+                cells += f"{margin.margin[k, row]:8.2f} {margin.rows[row]:<19}"
+        lines.append(cells.rstrip())
+    return "\n".join(
+        [*lines, "", "activation: mean of all muscles; margin: stability minus level, least of all rows"]
+    )

@@ -1,0 +1,427 @@
+"""Settings of a run: what a TOML file or the command line may say, checked and turned into objects.
+
+Every setting is one entry of :data:`KEYS`: its name, what it may be and one line of help. The TOML reader,
+the template of ``scso init`` and the messages about misspelled keys all come from that table.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
+from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, read_analyze_setup, with_changes
+from scso_nlp.transcription.ipopt import SolverOptions
+
+#: What the settings file may ask for in `stability` and `solver`.
+STABILITY_METHODS = ("off", "potvin-brown")
+SOLVERS = ("trajectory", "framewise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """Everything that decides the numbers of a run.
+
+    Attributes
+    ----------
+    motion : MotionInput
+        Model, motion and loads.
+    analysis_name : str
+        OpenSim's name of the analysis, second part of the result files' names.
+    exponent : float
+        Power of the activations.
+    weights : None, "volume", "pcsa" or mapping of str to float
+        As for :class:`~scso_nlp.ActivationEffort`.
+    muscle_physiology : bool
+        Force-length-velocity as OpenSim's static optimization has it; otherwise force proportional to
+        activation.
+    stability : JointStability or None
+        None: plain static optimization.
+    solver : "trajectory" or "framewise"
+    options : SolverOptions
+    sources : tuple of Path
+        Files the settings were read from, for the report.
+    """
+
+    motion: MotionInput
+    analysis_name: str = "StaticOptimization"
+    exponent: float = 2.0
+    weights: str | Mapping[str, float] | None = None
+    muscle_physiology: bool = True
+    stability: JointStability | None = None
+    solver: str = "trajectory"
+    options: SolverOptions = field(default_factory=SolverOptions)
+    sources: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise ProblemError(f"solver is {self.solver!r}, expected one of {', '.join(SOLVERS)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputSettings:
+    """Where and how results are written; nothing here changes a number.
+
+    Attributes
+    ----------
+    folder : Path or None
+        None: ``scso_results/<name>`` in the working folder.
+    keep_failed : bool
+    figures : bool
+    processes : int or None
+        Worker processes of the extraction; None is one per core.
+    cache : Path or None
+        Folder for extracted motions, so that a second run needs no OpenSim.
+    """
+
+    folder: Path | None = None
+    keep_failed: bool = False
+    figures: bool = True
+    processes: int | None = None
+    cache: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """One setting.
+
+    Attributes
+    ----------
+    group : str
+        Heading in the template.
+    read : callable
+        Turns the value of the file into the setting, or raises ValueError with what was expected.
+    example : str
+        Value in the template, as TOML.
+    help : str
+        One line.
+    """
+
+    group: str
+    read: Callable[[Any], Any]
+    example: str
+    help: str
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("text in quotes")
+    return value
+
+
+def _path(value: Any) -> Path:
+    if not isinstance(value, (str, os.PathLike)) or not str(value).strip():
+        raise ValueError("a path in quotes")
+    return Path(value)
+
+
+def _paths(value: Any) -> tuple[Path, ...]:
+    if isinstance(value, (str, os.PathLike)):
+        return (_path(value),)
+    if not isinstance(value, (list, tuple)):
+        raise ValueError("a list of paths")
+    return tuple(_path(item) for item in value)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) for item in value):
+        raise ValueError("a list of names in quotes")
+    return tuple(value)
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError("true or false")
+    return value
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+        raise ValueError("a number")
+    return float(value)
+
+
+def _count(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError("a whole number of at least 1")
+    return value
+
+
+def _number_or_table(value: Any) -> float | dict[str, float]:
+    if isinstance(value, Mapping):
+        return {str(name): _number(item) for name, item in value.items()}
+    try:
+        return _number(value)
+    except ValueError:
+        raise ValueError("a number, or a table of name = number") from None
+
+
+def _weights(value: Any) -> str | dict[str, float]:
+    if isinstance(value, Mapping):
+        return {str(name): _number(item) for name, item in value.items()}
+    return _one_of("volume", "pcsa")(value)
+
+
+def _one_of(*choices: str) -> Callable[[Any], str]:
+    def read(value: Any) -> str:
+        if value not in choices:
+            raise ValueError(" or ".join(repr(choice) for choice in choices))
+        return str(value)
+
+    return read
+
+
+_MOTION = "The motion: an AnalyzeTool setup file, or its parts by name"
+_PROBLEM = "The problem"
+_STABILITY = "Joint stability"
+_SOLVER = "The solver"
+_OUTPUT = "The output"
+
+#: Every setting, in the order of the template.
+KEYS: dict[str, Key] = {
+    "setup": Key(
+        group=_MOTION, read=_path, example='"setup.xml"',
+        help="AnalyzeTool setup file with a StaticOptimization; all other motion settings replace its own",
+    ),
+    "model": Key(group=_MOTION, read=_path, example='"model.osim"', help="OpenSim model"),
+    "coordinates": Key(
+        group=_MOTION, read=_path, example='"motion.mot"', help="coordinates over time"
+    ),
+    "states": Key(group=_MOTION, read=_path, example='"states.sto"', help="instead of coordinates"),
+    "speeds": Key(
+        group=_MOTION, read=_path, example='"speeds.sto"', help="generalized speeds; by default derived"
+    ),
+    "external_loads": Key(group=_MOTION, read=_path, example='"loads.xml"', help="ExternalLoads file"),
+    "actuators": Key(
+        group=_MOTION, read=_paths, example='["reserves.xml"]', help="force set files added to the model"
+    ),
+    "replace_force_set": Key(
+        group=_MOTION, read=_flag, example="false", help="drop the model's own forces before adding actuators"
+    ),
+    "name": Key(group=_MOTION, read=_text, example='"walk"', help="start of every file name"),
+    "initial_time": Key(group=_MOTION, read=_number, example="0.0", help="start of the range [s]"),
+    "final_time": Key(group=_MOTION, read=_number, example="1.0", help="end of the range [s]"),
+    "lowpass_cutoff_frequency": Key(
+        group=_MOTION, read=_number, example="6.0", help="low-pass filter [Hz]; negative: none"
+    ),
+    "step_interval": Key(group=_MOTION, read=_count, example="1", help="take every so many frames"),
+    "in_degrees": Key(
+        group=_MOTION, read=_flag, example="true", help="unit of angles, where the motion's header is wrong"
+    ),
+    "held_coordinates": Key(
+        group=_MOTION, read=_names, example='["mtp_angle_r"]',
+        help="coordinates that stay at zero because the motion has no column for them",
+    ),
+    "keep_coupled_speeds": Key(
+        group=_MOTION, read=_flag, example="false",
+        help="true: speeds that contradict the model's constraints count, as in OpenSim",
+    ),
+    "exponent": Key(
+        group=_PROBLEM, read=_number, example="2.0",
+        help="power of the activations, any number of at least 1, or inf for min/max; by default the setup's",
+    ),
+    "muscle_physiology": Key(
+        group=_PROBLEM, read=_flag, example="true",
+        help="force-length-velocity with a rigid tendon; false: force = activation x strength",
+    ),
+    "weights": Key(
+        group=_PROBLEM, read=_weights, example='"volume"',
+        help='weights of activations, 1 by default: "volume", "pcsa" or e.g. { "soleus_*" = 2.0 }',
+    ),
+    "stability": Key(
+        group=_STABILITY, read=_one_of(*STABILITY_METHODS), example='"potvin-brown"',
+        help='"off" (default: plain static optimization) or "potvin-brown"',
+    ),
+    "q": Key(
+        group=_STABILITY, read=_number_or_table, example="5.0",
+        help='muscle stiffness = q x force / length; a number or e.g. { "*" = 5.0, "soleus_*" = 9.0 }',
+    ),
+    "level": Key(
+        group=_STABILITY, read=_number_or_table, example="0.0",
+        help='least stability [N.m/rad]; a number or e.g. { "knee_r_z" = 10.0 }',
+    ),
+    "joints": Key(
+        group=_STABILITY, read=_names, example='["knee_r", "ankle_r"]', help="by default all joints"
+    ),
+    "axes": Key(
+        group=_STABILITY, read=_names, example='["x", "y", "z"]', help="by default all axes"
+    ),
+    "moving_paths": Key(
+        group=_STABILITY, read=_one_of("exact", "frozen"), example='"exact"',
+        help='points that slide on wrap surfaces: "exact" derivatives by OpenSim, or "frozen" to the bone',
+    ),
+    "solver": Key(
+        group=_SOLVER, read=_one_of(*SOLVERS), example='"trajectory"',
+        help='"trajectory": all frames as one program; "framewise": one after the other',
+    ),
+    "tolerance": Key(group=_SOLVER, read=_number, example="1e-8", help="IPOPT's optimality tolerance"),
+    "max_iterations": Key(group=_SOLVER, read=_count, example="500", help="iterations per program"),
+    "output": Key(
+        group=_OUTPUT, read=_path, example='"results"', help="folder; by default scso_results/<name>"
+    ),
+    "keep_failed": Key(
+        group=_OUTPUT, read=_flag, example="false", help="write results, with NaN in failed frames"
+    ),
+    "figures": Key(group=_OUTPUT, read=_flag, example="true", help="draw figures as PNG and PDF"),
+    "processes": Key(
+        group=_OUTPUT, read=_count, example="2", help="OpenSim processes; by default one per core"
+    ),
+    "cache": Key(
+        group=_OUTPUT, read=_path, example='"scso_cache"',
+        help="folder for what OpenSim computed, so that a second run needs no OpenSim",
+    ),
+}  # fmt: skip
+
+#: Settings that are passed on to :class:`MotionInput`.
+_MOTION_KEYS = frozenset(item.name for item in fields(MotionInput)) & KEYS.keys()
+#: Settings that the template does not comment out.
+_FILLED_IN = ("setup", "stability", "q", "level")
+_STABILITY_KEYS = ("q", "level", "joints", "axes", "moving_paths")
+
+
+def read_settings(
+    path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None
+) -> tuple[RunSettings, OutputSettings]:
+    """Read the settings of a run from a TOML file, or take an AnalyzeTool setup file with its own.
+
+    Parameters
+    ----------
+    path : path
+        ``.toml`` with the keys of :data:`KEYS`, paths relative to its folder; anything else is read as an
+        AnalyzeTool setup file.
+    changes : mapping of str to object, optional
+        Settings that win over the file's, e.g. of the command line; paths relative to the working folder.
+
+    Returns
+    -------
+    RunSettings, OutputSettings
+
+    Raises
+    ------
+    FileFormatError
+        Not TOML, or not an AnalyzeTool setup.
+    NameMismatchError
+        A key that is not known; the closest one is suggested.
+    DataError
+        A value that is not what its key expects, a file that is missing.
+    ProblemError
+        Settings that contradict each other.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".toml":
+        given = _checked(_parse(path), str(path), path.absolute().parent)
+    else:
+        given = {"setup": Path(os.path.abspath(path))}
+    changed = _checked({k: v for k, v in (changes or {}).items() if v is not None}, "the options", Path.cwd())
+    _refuse_idle_stability(given, changed)
+    given |= changed
+    output = OutputSettings(
+        folder=given.get("output"),
+        keep_failed=given.get("keep_failed", False),
+        figures=given.get("figures", True),
+        processes=given.get("processes"),
+        cache=given.get("cache"),
+    )
+    return _run_settings(given, path.absolute()), output
+
+
+def template() -> str:
+    """Write a TOML file with every setting and its help; optional ones are commented out.
+
+    Returns
+    -------
+    str
+        :func:`read_settings` accepts it once the path of the setup file is filled in.
+    """
+    lines = [
+        "# Settings of scso; `scso run` takes this file. Paths are relative to its folder.",
+        "# Lines that start with # are optional settings with an example value.",
+    ]
+    group = ""
+    for name, key in KEYS.items():
+        if key.group != group:
+            group = key.group
+            lines += ["", f"# {group} {'-' * (76 - len(group))}"]
+        sign = "" if name in _FILLED_IN else "# "
+        lines += [f"# {key.help}", f"{sign}{name} = {key.example}"]
+    return "\n".join(lines) + "\n"
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path} is not TOML: {error}") from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def _checked(given: Mapping[str, Any], where: str, folder: Path) -> dict[str, Any]:
+    """Read every value by its key; paths become absolute."""
+    result: dict[str, Any] = {}
+    for name, value in given.items():
+        if name not in KEYS:
+            close = difflib.get_close_matches(name, KEYS, n=1, cutoff=0.5)
+            hint = f"closest: {close[0]}" if close else f"known: {', '.join(KEYS)}"
+            raise NameMismatchError(f"{where}: unknown setting {name!r} ({hint})")
+        try:
+            read = KEYS[name].read(value)
+        except ValueError as error:
+            raise DataError(f"{where}: {name} is {value!r}, expected {error}") from None
+        if isinstance(read, Path):
+            read = _absolute(folder, read)
+        elif name == "actuators":
+            read = tuple(_absolute(folder, item) for item in read)
+        result[name] = read
+    return result
+
+
+def _absolute(folder: Path, path: Path) -> Path:
+    return Path(os.path.abspath(folder / path.expanduser()))
+
+
+def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any]) -> None:
+    """Raise if a stability setting would have no effect without anyone having said so."""
+    method = changed.get("stability", given.get("stability"))
+    idle = changed if method == "off" else {**given, **changed}
+    names = [name for name in _STABILITY_KEYS if name in idle]
+    if method in (None, "off") and names:
+        raise ProblemError(
+            f"{', '.join(names)} has no effect while stability is off, expected 'potvin-brown'"
+        )
+
+
+def _run_settings(given: Mapping[str, Any], source: Path) -> RunSettings:
+    changes = {name: value for name, value in given.items() if name in _MOTION_KEYS}
+    setup: AnalyzeSetup | None = None
+    if "setup" in given:
+        setup = read_analyze_setup(given["setup"])
+        motion = with_changes(setup.motion, changes)
+    elif "model" in changes and changes.keys() & {"coordinates", "states"}:
+        motion = MotionInput(**changes)
+    else:
+        raise DataError(f"{source} names no motion, expected setup, or model and coordinates")
+    stability = None
+    if given.get("stability", "off") != "off":
+        stability = JointStability(**{name: given[name] for name in _STABILITY_KEYS if name in given})
+    return RunSettings(
+        motion=motion,
+        analysis_name=setup.analysis_name if setup else "StaticOptimization",
+        exponent=given.get("exponent", setup.activation_exponent if setup else 2.0),
+        weights=given.get("weights"),
+        muscle_physiology=given.get("muscle_physiology", setup.use_muscle_physiology if setup else True),
+        stability=stability,
+        solver=given.get("solver", "trajectory"),
+        sources=tuple(dict.fromkeys((source, *([given["setup"]] if setup else [])))),
+        options=SolverOptions(**{k: given[k] for k in ("tolerance", "max_iterations") if k in given}),
+    )

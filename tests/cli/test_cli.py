@@ -1,0 +1,195 @@
+"""The command line, from outside: exit codes, messages, files."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scso_nlp.examples import example_folder, example_names
+from scso_nlp.io import read_storage
+from scso_nlp.settings import template
+
+pytestmark = pytest.mark.opensim
+
+
+def scso(*arguments, cwd):
+    command = [sys.executable, "-m", "scso_nlp.cli", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def spine(tmp_path) -> Path:
+    """A writable copy of an example."""
+    folder = tmp_path / "spine"
+    shutil.copytree(example_folder("spine-load-height"), folder)
+    return folder
+
+
+def test_help_comes_fast_and_without_loading_solver_or_figures(tmp_path):
+    started = time.perf_counter()
+    done = scso("--help", cwd=tmp_path)
+    elapsed = time.perf_counter() - started
+    assert done.returncode == 0
+    for command in ("run", "init", "example"):
+        assert command in done.stdout
+    # 0.2 s on an idle machine; the limit leaves room for a busy one
+    assert elapsed < 5.0
+    heavy = {"casadi", "scipy", "matplotlib", "opensim"}
+    check = f"import sys, scso_nlp.cli; print(sorted({heavy} & set(sys.modules)))"
+    loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True).stdout
+    assert loaded.strip() == "[]"
+
+
+def test_examples_are_listed_with_one_line_each(tmp_path):
+    done = scso("example", cwd=tmp_path)
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(example_names())
+    assert all(len(line) < 130 and len(line.split()) > 4 for line in lines)
+    assert files(tmp_path) == set()
+
+
+def test_an_example_runs_to_files_and_figures(tmp_path):
+    done = scso("example", "spine-load-height", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "scso_results" / "spine-load-height"
+    for part in ("static_optimization", "with_stability"):
+        found = files(folder / part)
+        assert "report.json" in found
+        assert "spine_load_height_StaticOptimization_force.sto" in found
+        assert "spine_load_height_activations.png" in found
+    assert "spine_load_height_stability.sto" in files(folder / "with_stability")
+    assert len([line for line in done.stdout.splitlines() if line.count("lumbar_pelvis_") == 2]) == 10
+
+
+def test_a_plain_setup_file_gives_results_and_exit_code_0(spine):
+    done = scso("run", spine / "setup.xml", "--no-figures", cwd=spine.parent)
+    assert (done.returncode, done.stderr) == (0, "")
+    folder = spine.parent / "scso_results" / "spine_load_height"
+    assert files(folder) == {
+        "spine_load_height_StaticOptimization_activation.sto",
+        "spine_load_height_StaticOptimization_force.sto",
+        "spine_load_height_StaticOptimization_controls.xml",
+        "spine_load_height_status.sto",
+        "report.json",
+    }
+    report = json.loads((folder / "report.json").read_text())
+    assert set(report["inputs_sha256"]) == {
+        str(spine / name)
+        for name in ("setup.xml", "spine.osim", "motion.mot", "external_loads.xml", "loads.mot")
+    }
+
+
+def test_options_and_settings_file_give_the_same_numbers(spine):
+    options = ("--stability", "potvin-brown", "--q", "3", "--joints", "lumbar_pelvis", "--axes", "x,z")
+    by_options = scso("run", spine / "setup.xml", *options, "--no-figures", "--output", "a", cwd=spine)
+    (spine / "mine.toml").write_text(
+        'setup = "setup.xml"\nstability = "potvin-brown"\nq = 3\njoints = ["lumbar_pelvis"]\n'
+        'axes = ["x", "z"]\nfigures = false\noutput = "b"\nsolver = "framewise"\n'
+    )
+    by_file = scso("run", "mine.toml", cwd=spine)
+    assert (by_options.returncode, by_file.returncode) == (0, 0), by_options.stderr + by_file.stderr
+    name = "spine_load_height_StaticOptimization_activation.sto"
+    # both solvers stop within 1e-6 of the same optimum
+    np.testing.assert_allclose(
+        read_storage(spine / "a" / name).values, read_storage(spine / "b" / name).values, atol=1e-6
+    )
+    assert (
+        read_storage(spine / "a" / "spine_load_height_stability.sto").labels[4].startswith("lumbar_pelvis_z")
+    )
+
+
+def test_the_file_of_init_runs_once_its_path_is_filled_in(spine):
+    (spine / "scso.toml").unlink()
+    assert scso("init", cwd=spine).returncode == 0
+    # the example's setup file has the name that the template takes
+    assert (spine / "scso.toml").read_text() == template()
+    run = scso("run", "scso.toml", "--no-figures", "--output", "results", cwd=spine)
+    assert run.returncode == 0, run.stderr
+    assert "spine_load_height_stability.sto" in files(spine / "results")
+
+
+def test_init_leaves_an_existing_file_alone(tmp_path):
+    (tmp_path / "mine.toml").write_text("mine")
+    done = scso("init", "mine.toml", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "error: mine.toml exists already, choose another name\n")
+    assert (tmp_path / "mine.toml").read_text() == "mine"
+
+
+def test_infeasible_frames_give_exit_code_1_and_nothing_that_looks_like_a_result(shared_data, tmp_path):
+    setup = shared_data / "gait10dof18musc" / "setup_without_actuators.xml"
+    done = scso("run", setup, "--output", "results", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "73 of 73 frames failed (infeasible)" in done.stderr
+    assert "MomentEquilibrium[pelvis_ty] short by" in done.stderr
+    assert files(tmp_path) == {"results/report.json", "results/gait10dof18musc_weak_status.sto"}
+
+
+def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
+    options = ("--stability", "potvin-brown", "--level", "1000", "--keep-failed", "--no-figures")
+    done = scso("run", spine / "setup.xml", *options, "--output", "results", cwd=spine)
+    assert done.returncode == 1
+    assert "short by" in done.stderr
+    table = read_storage(spine / "results" / "spine_load_height_StaticOptimization_activation.sto")
+    assert np.isnan(table.values).any(axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nothing.xml",), "nothing.xml does not exist"),
+        (("setup.xml", "--exponent", "0.5"), "exponent is 0.5"),
+        (("setup.xml", "--stability", "yes"), "stability is 'yes', expected 'off' or 'potvin-brown'"),
+        (("setup.xml", "--q", "5"), "q has no effect while stability is off"),
+        (("setup.xml", "--stability", "potvin-brown", "--q", "-1"), "q is -1"),
+        (("setup.xml", "--stability", "potvin-brown", "--q", "five"), "q is 'five', expected a number"),
+        (("setup.xml", "--stability", "potvin-brown", "--q", "RAA_R=5,*=3"), "RAA_R"),
+        (("setup.xml", "--stability", "potvin-brown", "--joints", "lumbar_pelvic"), "lumbar_pelvic"),
+        (("setup.xml", "--stability", "potvin-brown", "--axes", "w"), "'w'"),
+        (("setup.xml", "--stability", "potvin-brown", "--level", "lumbar_z=5"), "lumbar_z"),
+        (("setup.xml", "--solver", "fast"), "solver is 'fast'"),
+        (("setup.xml", "--processes", "0"), "processes is 0"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(spine, arguments, message):
+    before = files(spine)
+    done = scso("run", *arguments, cwd=spine)
+    assert done.returncode == 2, done.stderr
+    assert message in done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert "Traceback" not in done.stderr
+    assert files(spine) == before
+
+
+def test_a_misspelled_option_has_exit_code_2(tmp_path):
+    done = scso("run", "setup.xml", "--stabilty", "off", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "No such option" in done.stderr
+
+
+def test_a_bug_shows_its_traceback_and_is_told_apart_from_a_failed_frame(spine):
+    broken = "import scso_nlp.run as r\ndef f(*a): raise RuntimeError('broken')\nr.run = f\n"
+    broken += "from scso_nlp.cli import app\napp(['run', 'setup.xml'])\n"
+    done = subprocess.run(
+        [sys.executable, "-c", broken], cwd=spine, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 3
+    assert "RuntimeError: broken" in done.stderr
+    assert "this is a bug" in done.stderr
+
+
+def test_verbose_says_what_is_being_done(spine):
+    quiet = scso("run", spine / "setup.xml", "--no-figures", cwd=spine)
+    loud = scso("run", spine / "setup.xml", "--no-figures", "--verbose", cwd=spine)
+    assert quiet.stderr == ""
+    assert "iterations" in loud.stderr
