@@ -19,9 +19,11 @@ if TYPE_CHECKING:
         ProblemError,
         ScsoError,
     )
+    from scso_nlp.io.results import write_solution
     from scso_nlp.muscle_models import MuscleModel, NoPhysiology, RigidTendon
     from scso_nlp.muscles import ActuatorParameters, MuscleParameters
     from scso_nlp.objectives import ActivationEffort, FrameObjective, FramePairObjective, FunctionObjective
+    from scso_nlp.opensim.engine import load_motion
     from scso_nlp.problem import (
         MuscleForceProblem,
         stability_constrained_static_optimization,
@@ -69,10 +71,12 @@ _HOME = {
     "SolverOptions": "transcription.ipopt",
     "Status": "solution",
     "VariableSpec": "transcription.frame",
+    "load_motion": "opensim.engine",
     "solve_framewise": "solve",
     "solve_trajectory": "solve",
     "stability_constrained_static_optimization": "problem",
     "static_optimization": "problem",
+    "write_solution": "io.results",
 }
 
 __all__ = sorted(_HOME)

@@ -2,8 +2,10 @@
 
 import typer
 
+from scso_nlp.cli.compare import compare
 from scso_nlp.cli.example import example
 from scso_nlp.cli.init import init
+from scso_nlp.cli.report import report
 from scso_nlp.cli.run import run
 
 __all__ = ["app"]
@@ -16,5 +18,5 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (run, init, example):
+for _command in (run, init, example, compare, report):
     app.command()(_command)

@@ -99,9 +99,9 @@ def test_options_and_settings_file_give_the_same_numbers(spine):
     by_file = scso("run", "mine.toml", cwd=spine)
     assert (by_options.returncode, by_file.returncode) == (0, 0), by_options.stderr + by_file.stderr
     name = "spine_load_height_StaticOptimization_activation.sto"
-    # both solvers stop within 1e-6 of the same optimum
+    # the objective is known to 1e-8 and quadratic, so activations may differ by more; 2e-6 was seen
     np.testing.assert_allclose(
-        read_storage(spine / "a" / name).values, read_storage(spine / "b" / name).values, atol=1e-6
+        read_storage(spine / "a" / name).values, read_storage(spine / "b" / name).values, rtol=0, atol=1e-5
     )
     assert (
         read_storage(spine / "a" / "spine_load_height_stability.sto").labels[4].startswith("lumbar_pelvis_z")
