@@ -193,8 +193,8 @@ def _put_together(kind: type[_Data], prefix: str, values: dict[str, Any], arrays
     return kind(**found)
 
 
-def _data_class(hint: Any) -> type[Any] | None:
-    """Return the data class that a field may hold, alone or in a union with None."""
+def _data_class(hint: Any) -> Any:
+    """Return the data class that a field may hold, alone or in a union with None; else None."""
     options = typing.get_args(hint) or (hint,)
     return next((option for option in options if dataclasses.is_dataclass(option)), None)
 

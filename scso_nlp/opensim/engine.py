@@ -37,6 +37,7 @@ from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
     LoadSource,
     MotionInput,
+    check_document,
     read_analyze_setup,
     read_external_loads,
     with_changes,
@@ -158,6 +159,9 @@ def _check(motion: MotionInput) -> _Checked:
     for path in motion.files():
         if not path.is_file():
             raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    check_document(motion.model, "Model")
+    for path in motion.actuators:
+        check_document(path, "ForceSet")
     table = read_storage(motion.motion)
     in_degrees = motion.in_degrees
     if motion.states is not None:

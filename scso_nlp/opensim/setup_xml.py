@@ -34,6 +34,9 @@ OLD_NAMES = {
 }
 
 
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+
+
 @dataclass(frozen=True, kw_only=True)
 class MotionInput:
     """What OpenSim needs to know to turn a model and a motion into arrays.
@@ -344,6 +347,8 @@ def read_external_loads(path: Path, near: Path | None = None) -> LoadSource:
 def read_xml(path: Path) -> Element:
     """Parse an XML file without expanding entities.
 
+    Comments are left out first: OpenSim accepts double hyphens in them, the standard does not.
+
     Raises
     ------
     DataError
@@ -354,13 +359,47 @@ def read_xml(path: Path) -> Element:
     if not path.is_file():
         raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
     try:
-        return ElementTree.parse(path).getroot()
+        content = _COMMENT.sub(lambda comment: b"\n" * comment.group().count(b"\n"), path.read_bytes())
+        root: Element = ElementTree.fromstring(content)
+        return root
     except DefusedXmlException:
         raise FileFormatError(f"{path} declares XML entities, which are not accepted") from None
     except (ParseError, UnicodeDecodeError, ValueError) as error:
         raise FileFormatError(f"{path} is not well-formed XML: {error}") from None
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def check_document(path: Path, kind: str) -> None:
+    """Check that a file is an OpenSim document of some kind, before OpenSim reads it.
+
+    OpenSim reads some files that the XML standard does not allow; these are left to OpenSim if they look
+    complete.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        The element it must hold, e.g. ``"Model"``.
+
+    Raises
+    ------
+    DataError
+        No such file.
+    FileFormatError
+        Cut off, not XML at all, entities, or something else inside.
+    """
+    try:
+        root = read_xml(path)
+    except FileFormatError as error:
+        tail = path.read_bytes()[-4096:] if path.is_file() else b""
+        if isinstance(error.__context__, DefusedXmlException) or f"</{kind}>".encode() not in tail:
+            raise
+        logger.warning("%s, left to OpenSim", error)
+        return
+    if root.tag != kind and root.find(kind) is None:
+        inside = ", ".join(child.tag for child in root) if root.tag == "OpenSimDocument" else root.tag
+        raise FileFormatError(f"{path} holds {inside or 'nothing'}, expected {kind}")
 
 
 def _static_optimization(path: Path, tool: Element) -> Element:

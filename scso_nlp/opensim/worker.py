@@ -250,8 +250,8 @@ class Motion:
                 self.values[:, k] = _column(osim, storage, column)
         if given["in_degrees"]:
             self.values[:, engine.scales_with_degrees] *= np.pi / 180.0
-        self.speeds = self._speeds(engine, storage, labels, data, given)
-        self.rows = _selected_rows(self.time, given)
+        self.rows = _selected_rows(self.time, given, data["time"])
+        self.speeds = self._speeds(engine, storage, data, given)
         splines = _splines(osim, engine.coordinate_names, self.time, self.speeds)
         self.accelerations = np.full_like(self.speeds, np.nan)
         for row in self.rows:
@@ -307,9 +307,7 @@ class Motion:
             )
         return columns
 
-    def _speeds(
-        self, engine: Engine, storage: Any, labels: list[str], data: Any, given: dict[str, Any]
-    ) -> Array:
+    def _speeds(self, engine: Engine, storage: Any, data: Any, given: dict[str, Any]) -> Array:
         osim = engine.osim
         if given["states"] is not None:
             speeds = np.zeros_like(self.values)
@@ -335,9 +333,8 @@ class Motion:
         given_time = data["speed_time"]
         nearest = np.abs(given_time[None, :] - self.time[:, None]).argmin(axis=1)
         apart = np.abs(given_time[nearest] - self.time)
-        wanted = _selected_rows(self.time, given)
-        if (apart[wanted] > SAME_TIME).any():
-            row = wanted[int(apart[wanted].argmax())]
+        if (apart[self.rows] > SAME_TIME).any():
+            row = self.rows[int(apart[self.rows].argmax())]
             raise Refusal(
                 f"{given['speeds']} has no row at t = {self.time[row]:.9g} s, expected the times of the "
                 "coordinates"
@@ -355,11 +352,16 @@ class Motion:
         return speeds
 
 
-def _selected_rows(time: Array, given: dict[str, Any]) -> NDArray[np.int64]:
-    """Choose rows as AnalyzeTool does: the last row at or before each end, no interpolation."""
-    initial, final = given["initial_time"], given["final_time"]
-    first = 0 if initial is None else max(int(np.searchsorted(time, initial, side="right")) - 1, 0)
-    last = len(time) - 1 if final is None else max(int(np.searchsorted(time, final, side="right")) - 1, 0)
+def _selected_rows(time: Array, given: dict[str, Any], recorded: Array) -> NDArray[np.int64]:
+    """Choose rows as AnalyzeTool does: the last row at or before each end, no interpolation.
+
+    `time` may reach beyond the time that was `recorded`, for the filter's sake.
+    """
+    ends = (
+        recorded[0] if given["initial_time"] is None else given["initial_time"],
+        recorded[-1] if given["final_time"] is None else given["final_time"],
+    )
+    first, last = (max(int(np.searchsorted(time, end, side="right")) - 1, 0) for end in ends)
     step = given["step_interval"]
     rows = [row for row in range(first, last + 1) if row in (first, last) or row % step == 0]
     return np.array(rows, dtype=np.int64)
@@ -500,10 +502,13 @@ class Engine:
                 self.loads.append(load)
             else:
                 self.passives.append(force)
-            labels = force.getRecordLabels()
-            self._recorded.append((force, labels.getSize()))
-            self.other_labels += [labels.get(i) for i in range(labels.getSize())]
-            self.force_columns += [labels.get(i) for i in range(labels.getSize())]
+            record = force.getRecordLabels()
+            labels = [record.get(i) for i in range(record.getSize())]
+            # OpenSim repeats labels, e.g. PotentialEnergy of limit forces: later ones get their owner's name
+            labels = [f"{force.getName()}.{x}" if x in self.other_labels else x for x in labels]
+            self._recorded.append((force, len(labels)))
+            self.other_labels += labels
+            self.force_columns += labels
         if not_scalar:
             raise Refusal(
                 f"the actuator {not_scalar[0]} is not a scalar actuator, which OpenSim's static optimization "
@@ -1200,16 +1205,17 @@ class VirtualRotations:
         return int(matrix.to_numpy().shape[0]) // 6
 
     def _crossing_muscles(self, joint: int) -> list[tuple[int, bool]]:
-        """Return the muscles whose path may change, and whether they have points on both sides."""
+        """Return the muscles whose path may change, and whether they have points on both sides.
+
+        Fitted paths (FunctionBasedPath) have no points: for them nothing is known about a virtual rotation.
+        """
         engine = self.engine
         distal = engine.distal_bodies(engine.joint_children[joint])
         result = []
         for m, geometry in enumerate(engine.geometry):
-            if not engine.moves[m]:
+            if geometry is None or not engine.moves[m]:
                 continue
-            sides = (
-                {body in distal for body in engine.path_bodies(m)} if geometry is not None else {True, False}
-            )
+            sides = {body in distal for body in engine.path_bodies(m)}
             result.append((m, len(sides) == 2))
         return result
 
