@@ -366,6 +366,8 @@ def _finish(run: _Run, shortfalls: list[Shortfall], solver: str) -> Solution:
             status[k] = Status.NUMERICAL_ERROR
         if proven or np.isfinite(unknowns[k]).all():
             shortfalls = shortfalls + (proven or worst_rows(program, rows, [k]))
+    scales = {block.term: block.scale for block in program.row_blocks}
+    shortfalls = sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint])
     solved: BoolArray = np.array([s.is_solved for s in status])
     forces = evaluate(program.tendon_force, program.tendon_force.function(), run.unknowns, program.arrays)[0]
     missing: BoolArray = np.asarray(np.isnan(unknowns).any(axis=1))
