@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+import clarabel
+import daqp
 import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
 
 import scso_nlp as scso
 
@@ -128,3 +134,239 @@ def two_antagonists(moment, *, exponent=2.0, q=5.0, level=0.0, external_work=30.
             scso.JointStability(q=q, level=level, joints=("elbow",), axes=("z",)),
         ),
     )
+
+
+def random_problem(
+    rng,
+    *,
+    n_frames=3,
+    n_coordinates=3,
+    n_muscles=10,
+    exponent=2.0,
+    weights=None,
+    reserve=None,
+    stability=True,
+    muscle_model=None,
+    q=5.0,
+):
+    """A random problem that activations between 0.2 and 0.6 solve, with three stability rows.
+
+    The rows' levels are what these random activations reach, so that co-contraction is asked for.
+    """
+    strength = rng.uniform(300.0, 1500.0, n_muscles)
+    capacity = strength * rng.uniform(0.7, 1.2, (n_frames, n_muscles))
+    arms = rng.normal(0, 0.04, (n_coordinates, n_muscles)) + rng.normal(
+        0, 0.004, (n_frames, n_coordinates, n_muscles)
+    )
+    ends = np.array([[0.0, 0.15, 0.0], [0.0, -0.15, 0.0]]) + rng.normal(0, 0.05, (n_muscles, 2, 3))
+    points = ends + rng.normal(0, 0.005, (n_frames, n_muscles, 2, 3))
+    geometry = dataclasses.replace(
+        skeleton(ends, np.broadcast_to([0, 1], (n_muscles, 2)), n_frames=n_frames),
+        path_points=points,
+        load_forces=rng.normal([-70.0, -100.0, -70.0], 20.0, (n_frames, 1, 3)),
+        load_points=rng.normal([0.1, 0.2, 0.1], 0.02, (n_frames, 1, 3)),
+    )
+    model = muscle_model or scso.NoPhysiology()
+    inside = rng.uniform(0.2, 0.6, (n_frames, n_muscles))
+    force = inside * (capacity if isinstance(model, scso.RigidTendon) else strength)
+    trajectory = motion(
+        arms,
+        np.einsum("kcm,km->kc", arms, force),
+        actuator_columns=None if reserve is None else reserve * np.eye(n_coordinates),
+        skeleton=geometry,
+        length=np.linalg.norm(points[:, :, 0] - points[:, :, 1], axis=-1),
+        capacity=capacity,
+    )
+    n_actuators = len(trajectory.actuators)
+    problem = scso.MuscleForceProblem(
+        trajectory=trajectory,
+        muscles=muscle_parameters(
+            trajectory.muscles, strength, optimal_fiber_length=rng.uniform(0.05, 0.15, n_muscles)
+        ),
+        actuators=scso.ActuatorParameters(
+            actuators=trajectory.actuators,
+            optimal_force=np.full(n_actuators, reserve or 0.0),
+            min_control=np.full(n_actuators, -np.inf),
+            max_control=np.full(n_actuators, np.inf),
+        ),
+        muscle_model=model,
+        objectives=(scso.ActivationEffort(exponent=exponent, weights=weights),),
+    )
+    if not stability:
+        return problem
+    stiffness, work = stability_by_hand(problem, q)
+    reached = (np.einsum("kum,km->ku", stiffness, force) - work).min(axis=0)
+    level = {f"elbow_{axis}": float(value) for axis, value in zip("xyz", reached, strict=True)}
+    return with_stability(problem, level, q=q)
+
+
+def with_stability(problem, level, q=5.0):
+    """The problem with its stability rows at another level, or with rows if it has none."""
+    rows = scso.JointStability(q=q, level=level, joints=("elbow",))
+    return dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
+
+
+def stability_by_hand(problem, q=5.0):
+    """Geometric stability (n_frames, 3, n_muscles) and external work (n_frames, 3) of straight paths.
+
+    Potvin and Brown's printed sums about x, y and z of ground with the joint at the origin:
+    S_z = F [(AxBx + AyBy - r²)/l + q r²/L] with r_z = (Bx Ay - By Ax)/l, less -Fy hy - Fx hx of a load.
+    """
+    points = problem.trajectory.skeleton.path_points
+    a, b = points[:, :, 0], points[:, :, 1]
+    length = np.sqrt(((a - b) ** 2).sum(axis=-1))
+    stiffness = np.zeros((len(points), 3, points.shape[1]))
+    work = np.zeros((len(points), 3))
+    load, at = problem.trajectory.skeleton.load_forces[:, 0], problem.trajectory.skeleton.load_points[:, 0]
+    for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        arm = (b[..., i] * a[..., j] - b[..., j] * a[..., i]) / length
+        product = a[..., i] * b[..., i] + a[..., j] * b[..., j]
+        stiffness[:, axis] = (product - arm**2) / length + q * arm**2 / length
+        # A force F at h: the torque about the axis changes with a turn by -(F_i h_i + F_j h_j).
+        work[:, axis] = -(load[:, i] * at[:, i] + load[:, j] * at[:, j])
+    return stiffness, work
+
+
+def frame_arrays(problem, k):
+    """One frame as plain arrays over x = (activations, controls): weights, equations, rows, bounds.
+
+    Returns (weights, A, b, G, h, lower, upper) of: min sum w |x|^p, A x = b, G x >= h.
+    """
+    trajectory, muscles, actuators = problem.trajectory, problem.muscles, problem.actuators
+    rigid = isinstance(problem.muscle_model, scso.RigidTendon)
+    capacity = trajectory.active_force_capacity[k] if rigid else muscles.max_isometric_force
+    a = np.hstack([trajectory.moment_arms[k] * capacity, trajectory.actuator_generalized_forces[k]])
+    stability = [term for term in problem.constraints if isinstance(term, scso.JointStability)]
+    g, h = np.zeros((0, a.shape[1])), np.zeros(0)
+    for term in stability:
+        stiffness, work = stability_by_hand(problem, term.q)
+        keep = ["xyz".index(axis) for axis in term.axes]
+        g = np.zeros((len(keep), a.shape[1]))
+        g[:, : muscles.n_muscles] = stiffness[k, keep] * capacity
+        level = term.level
+        wanted = [level[f"elbow_{u}"] if isinstance(level, dict) else level for u in term.axes]
+        h = work[k, keep] + wanted
+    lower = np.concatenate([muscles.min_activation, actuators.min_control])
+    upper = np.concatenate([muscles.max_activation, actuators.max_control])
+    weights = np.ones(a.shape[1])
+    effort = problem.objectives[0]
+    if effort.weights == "volume":
+        size = muscles.max_isometric_force * muscles.optimal_fiber_length
+        weights[: muscles.n_muscles] = size / size.mean()
+    return weights, a, trajectory.generalized_forces[k], g, h, lower, upper
+
+
+def solve_qp_frame(problem, k):
+    """Optimum of one frame at exponent 2 by the active-set solver DAQP, from plain arrays.
+
+    Returns x = (activations, controls).
+    """
+    weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
+    return solve_qp(np.diag(2 * weights), np.zeros(weights.size), a, b, g, h, lower, upper)
+
+
+def solve_qp(hessian, gradient, a, b, g, h, lower, upper):
+    """min x'Hx/2 + f'x with A x = b, G x >= h and bounds, by DAQP on rows of unit length."""
+    size, rows = np.linalg.norm(a, axis=1), np.linalg.norm(g, axis=1)
+    infinite = 1e30  # DAQP's own infinity
+    matrix = np.ascontiguousarray(np.vstack([a / size[:, None], g / rows[:, None]]))
+    top = np.concatenate([np.minimum(upper, infinite), b / size, np.full(len(h), infinite)])
+    bottom = np.concatenate([np.maximum(lower, -infinite), b / size, h / rows])
+    sense = np.zeros(top.size, dtype=np.int32)
+    equation = 5  # DAQP's flag of an equation: active and immutable
+    sense[len(lower) : len(lower) + len(b)] = equation
+    x, _, flag, _ = daqp.solve(
+        np.ascontiguousarray(hessian, dtype=float), gradient, matrix, top, bottom, sense, primal_tol=1e-10
+    )
+    assert flag == 1, f"DAQP ended with flag {flag}"
+    return np.asarray(x)
+
+
+def solve_power_frame(problem, k, exponent):
+    """Optimum of one frame at an exponent above 1 by Clarabel's power cones, from plain arrays.
+
+    min sum w t with t >= |x/s|^p, the cone t^(1/p) 1^(1 - 1/p) >= |x/s|, where s is the min/max optimum:
+    without it the powers of small activations vanish in Clarabel's tolerance.
+    Returns x = (activations, controls).
+    """
+    weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
+    size = np.abs(solve_lp_frame(problem, k, np.inf)[0]).max()
+    n = weights.size
+    eye, none = np.eye(n), np.zeros((n, n))
+    low, high = np.isfinite(lower), np.isfinite(upper)
+    cones_of_powers = np.zeros((3 * n, 2 * n))
+    offsets = np.zeros(3 * n)
+    for i in range(n):
+        cones_of_powers[3 * i, n + i] = -1.0
+        offsets[3 * i + 1] = 1.0
+        cones_of_powers[3 * i + 2, i] = -1.0 / size
+    matrix = np.vstack(
+        [
+            np.hstack([a, np.zeros((len(b), n))]),
+            np.hstack([-g, np.zeros((len(h), n))]),
+            np.hstack([-eye, none])[low],
+            np.hstack([eye, none])[high],
+            cones_of_powers,
+        ]
+    )
+    right = np.concatenate([b, -h, -lower[low], upper[high], offsets])
+    cones = [
+        clarabel.ZeroConeT(len(b)),
+        clarabel.NonnegativeConeT(len(h) + int(low.sum()) + int(high.sum())),
+        *[clarabel.PowerConeT(1 / exponent) for _ in range(n)],
+    ]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    solver = clarabel.DefaultSolver(
+        sp.csc_matrix((2 * n, 2 * n)),
+        np.concatenate([np.zeros(n), weights]),
+        sp.csc_matrix(matrix),
+        right,
+        cones,
+        settings,
+    )
+    answer = solver.solve()
+    assert str(answer.status) in ("Solved", "AlmostSolved"), str(answer.status)
+    return np.asarray(answer.x)[:n]
+
+
+def solve_lp_frame(problem, k, exponent):
+    """Optimum of one frame at exponent 1 or infinity by HiGHS, |x| and the largest in epigraph form.
+
+    Returns (x, objective); the objective is unique, x need not be.
+    """
+    weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
+    n = weights.size
+    extra = n if exponent == 1 else 1
+    size = np.diag(weights)
+    above = -np.eye(n) if exponent == 1 else -np.ones((n, 1))
+    result = linprog(
+        np.concatenate([np.zeros(n), np.ones(extra)]),
+        A_ub=np.vstack(
+            [np.hstack([size, above]), np.hstack([-size, above]), np.hstack([-g, np.zeros((len(h), extra))])]
+        ),
+        b_ub=np.concatenate([np.zeros(2 * n), -h]),
+        A_eq=np.hstack([a, np.zeros((len(b), extra))]),
+        b_eq=b,
+        bounds=[*zip(lower, upper, strict=True), *[(0.0, None)] * extra],
+        method="highs",
+    )
+    assert result.success, result.message
+    return result.x[:n], float(result.fun)
+
+
+def unknowns(solution, k):
+    """x = (activations, controls) of one frame."""
+    return np.concatenate([solution.activation[k], solution.control[k]])
+
+
+def central_difference(function, x, step):
+    """Derivative of a function of an array by central differences, one column per entry of x."""
+    columns = []
+    for i in range(x.size):
+        ahead, back = x.copy(), x.copy()
+        ahead[i] += step
+        back[i] -= step
+        columns.append((np.asarray(function(ahead)) - np.asarray(function(back))) / (2 * step))
+    return np.stack(columns, axis=-1)

@@ -45,7 +45,8 @@ class ActivationEffort(FrameObjective):
     Raises
     ------
     ProblemError
-        Exponent below 1 or not a number, a negative weight.
+        Exponent below 1 or not a number, a negative weight, negative activations allowed at an exponent
+        below 2 or infinite.
     NameMismatchError
         A name in `weights` that fits no muscle and no actuator.
 
@@ -68,11 +69,22 @@ class ActivationEffort(FrameObjective):
             raise ProblemError(
                 f"exponent is {self.exponent:g}, expected a number of at least 1 (or infinity)"
             )
+        if not (math.isfinite(self.weight) and self.weight >= 0):
+            raise ProblemError(f"weight is {self.weight:g}, expected a finite number of at least 0")
         if isinstance(self.weights, str) and self.weights not in ("volume", "pcsa"):
             raise ProblemError(f"weights is {self.weights!r}, expected 'volume', 'pcsa' or a mapping")
 
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
         """Weights of muscles and actuators, the same in every frame."""
+        muscles = problem.muscles
+        negative = np.flatnonzero(muscles.min_activation < 0)
+        if negative.size and not 2 <= self.exponent < math.inf:
+            first = int(negative[0])
+            raise ProblemError(
+                f"exponent {self.exponent:g} needs activations of at least 0, but min_activation of "
+                f"{muscles.muscles[first]!r} is {muscles.min_activation[first]:g}; raise the bound, or take "
+                "a finite exponent of at least 2"
+            )
         weights = self._weights(problem)
         return {"weights": np.broadcast_to(weights, (problem.trajectory.n_frames, weights.size))}
 
@@ -119,7 +131,9 @@ class ActivationEffort(FrameObjective):
         weights = frame.data["weights"]
         if math.isinf(self.exponent):
             return frame.variables["largest"]
-        effort = ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent))
+        effort = ca.SX(0)
+        if n_muscles:
+            effort += ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent))
         if frame.control.numel():
             parts = frame.variables
             size = parts["pull"] + parts["push"] if self.exponent < 2 else frame.control
