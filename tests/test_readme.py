@@ -1,0 +1,52 @@
+"""The README keeps its word: its Python runs, its commands exist, its figure is there."""
+
+import re
+import shlex
+
+import pytest
+from conftest import PROJECT_ROOT
+from typer.main import get_command
+
+from scso_nlp.cli import app
+
+README = (PROJECT_ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.S)
+
+
+@pytest.mark.opensim
+def test_the_python_blocks_run_in_order(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks("python"):
+        exec(compile(block, "README.md", "exec"), names)
+    assert names["solution"].is_solved.all()
+    assert (tmp_path / "results" / "report.json").is_file()
+    import scso_nlp
+
+    both = scso_nlp.solve_trajectory(names["problem"])
+    assert set(both.objective_terms) == {"ActivationEffort", "total_force"}
+
+
+def test_the_first_example_is_short():
+    lines = [line for line in blocks("python")[0].splitlines() if line.strip()]
+    assert len(lines) <= 12
+
+
+def test_every_command_and_option_exists():
+    commands = get_command(app).commands
+    lines = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines()]
+    words = [shlex.split(part) for line in lines for part in line.split("&&")]
+    seen = [word for word in words if word and word[0] == "scso"]
+    assert len(seen) >= 5
+    for word in seen:
+        known = {option for parameter in commands[word[1]].params for option in parameter.opts}
+        assert {option for option in word if option.startswith("--")} <= known
+
+
+def test_the_readme_is_short_and_its_links_lead_somewhere():
+    assert len(README.splitlines()) < 200
+    for target in re.findall(r"\]\(([^)]+)\)", README):
+        assert (PROJECT_ROOT / target).is_file(), target
