@@ -37,6 +37,7 @@ from scso_nlp.transcription.check import (
 )
 from scso_nlp.transcription.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.transcription.layout import PROBLEM
+from scso_nlp.transcription.local_model import LocalModel
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ _LEAST_EFFORT = 1e-3
 
 #: Most rounds of adding rows to constraints that cannot write all of them down beforehand.
 _MAX_ROUNDS = 100
+
+#: Least tolerance where rows are added: eigenvalues near zero react strongly to small errors.
+_TOLERANCE_OF_ADDED_ROWS = 1e-10
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 _LOOSE_VIOLATION = 1e-4
@@ -132,13 +136,15 @@ def _solve(
 ) -> Solution:
     if on_failure not in ("raise", "return"):
         raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
-    solution = _solve_rows(problem, solver, guess, options)
+    if _rows_may_be_added(problem):
+        options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
+    solution, run = _solve_rows(_foreseeing(problem, guess), solver, guess, options)
     reports = [solution.report]
     for _ in range(_MAX_ROUNDS):
-        tighter = _tightened(solution)
+        tighter = _tightened(solution.problem, run, is_solution=True)
         if tighter is None:
             break
-        solution = _solve_rows(tighter, solver, solution, options)
+        solution, run = _solve_rows(tighter, solver, solution, options)
         reports.append(solution.report)
     else:
         _LOG.warning("rows were still being added after %d rounds", _MAX_ROUNDS)
@@ -166,24 +172,55 @@ def _solve(
     return solution
 
 
-def _tightened(solution: Solution) -> MuscleForceProblem | None:
-    """Return the problem with the rows that its constraints add after seeing a solution, or None."""
-    constraints = solution.problem.constraints
-    tighter = [t.tighten(solution) if isinstance(t, FrameConstraint) else None for t in constraints]
+def _foreseeing(problem: MuscleForceProblem, guess: Solution | None) -> MuscleForceProblem:
+    """Let constraints add the rows that they can foresee at the starting point."""
+    if not _rows_may_be_added(problem):
+        return problem
+    program = describe(problem)
+    start = _start(program, guess)
+    run = _Run(
+        program=program, split=split_rows(program), options=SolverOptions(), start=start["unknowns"], **start
+    )
+    return _tightened(problem, run, is_solution=False) or problem
+
+
+def _rows_may_be_added(problem: MuscleForceProblem) -> bool:
+    return any(
+        type(t).tighten is not FrameConstraint.tighten
+        for t in problem.constraints
+        if isinstance(t, FrameConstraint)
+    )
+
+
+def _tightened(problem: MuscleForceProblem, run: _Run, *, is_solution: bool) -> MuscleForceProblem | None:
+    """Return the problem with the rows that its constraints add near a point, or None."""
+    if not _rows_may_be_added(problem):
+        return None
+    usable = np.array([s is not None and s.is_solved for s in run.status]) if is_solution else None
+    near = LocalModel(
+        program=run.program,
+        split=run.split,
+        unknowns=run.unknowns,
+        is_solution=is_solution,
+        usable=np.ones(len(run.status), dtype=bool) if usable is None else usable,
+    )
+    tighter = [
+        t.tighten(problem, near) if isinstance(t, FrameConstraint) else None for t in problem.constraints
+    ]
     if not any(tighter):
         return None
-    merged = tuple(new or old for new, old in zip(tighter, constraints, strict=True))
-    return replace(solution.problem, constraints=merged)
+    merged = tuple(new or old for new, old in zip(tighter, problem.constraints, strict=True))
+    return replace(problem, constraints=merged)
 
 
 def _solve_rows(
     problem: MuscleForceProblem, solver: str, guess: Solution | None, options: SolverOptions
-) -> Solution:
+) -> tuple[Solution, _Run]:
     """Solve with the rows as they are."""
     gentler = _gentler(problem)
     first = None
     if gentler is not None and guess is None:
-        guess = first = _solve_rows(gentler, solver, None, options)
+        guess = first = _solve_rows(gentler, solver, None, options)[0]
     started = time.perf_counter()
     program = describe(problem)
     split = split_rows(program)
@@ -203,7 +240,7 @@ def _solve_rows(
     run.build_seconds += time.perf_counter() - started
     if run.waiting.size:
         run.together() if solver == "trajectory" else run.one_by_one()
-    return _finish(run, shortfalls, solver)
+    return _finish(run, shortfalls, solver), run
 
 
 @dataclass(kw_only=True)

@@ -16,7 +16,7 @@ from scso_nlp.validation import FloatArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
-    from scso_nlp.solution import Solution
+    from scso_nlp.transcription.local_model import LocalModel
 
 
 class Constraint:
@@ -51,10 +51,11 @@ class FrameConstraint(Constraint):
         """Name columns to be evaluated at the solution, for ``solution.quantities``; none by default."""
         return {}
 
-    def tighten(self, solution: Solution) -> FrameConstraint | None:
-        """Return a constraint with more rows where the solution misses its meaning, or None; None by default.
+    def tighten(self, problem: MuscleForceProblem, near: LocalModel) -> FrameConstraint | None:
+        """Return a constraint with more rows, or None if the rows suffice near a point; None by default.
 
-        For constraints whose rows cannot all be written down beforehand; the solver asks after each solve.
+        For constraints whose rows cannot all be written down beforehand. The solver asks once at the
+        starting point, and after each solve.
         """
         return None
 

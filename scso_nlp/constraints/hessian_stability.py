@@ -9,17 +9,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE, StabilityConstraint
+from scso_nlp.stability.critical_turns import MatrixProgram, critical_turns, solve_matrix_programs
 from scso_nlp.stability.hessian import HessianTerms, hessian_terms, require_curvature, rows_along
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
     from scso_nlp.solution import Solution
+    from scso_nlp.transcription.local_model import LocalModel
 
 #: An eigenvalue below its level by less than this counts as kept [N·m/rad].
 EIGENVALUE_TOLERANCE = 1e-6 * STABILITY_SCALE
+
+#: Most rounds of modelling a problem that is not quadratic, and the change of unknowns that ends them [-].
+MODEL_ROUNDS = 8
+MODEL_TOLERANCE = 1e-7
+
+#: Frames whose deciding turns are sought together; bounds the memory.
+FRAMES_PER_BATCH = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +38,9 @@ class HessianStability(StabilityConstraint):
     .. math:: H - \operatorname{diag}(\text{level}) \succeq 0
 
     A matrix inequality is the set of rows :math:`v^T (H - \operatorname{diag}(\text{level}))\, v \ge 0` for
-    all turns v. The constraint holds a few of them per frame; after each solve :meth:`tighten` adds the
-    eigenvectors of negative eigenvalues, until there are none.
+    all turns v. The constraint holds a few of them per frame: those in the null space of the Hessian at
+    the optimum of the problem's quadratic model, with which the rows alone have the same optimum as the
+    matrix inequality, and eigenvectors of negative eigenvalues, added until there are none.
 
     Attributes
     ----------
@@ -76,10 +86,10 @@ class HessianStability(StabilityConstraint):
         return self.directions
 
     def row_names(self, problem: MuscleForceProblem) -> tuple[str, ...]:
-        """Names of the rows: first the coordinates alone, then combined turns."""
-        names = self.chosen(problem)
-        more = self._directions(problem).shape[1] - len(names)
-        return names + tuple(f"combined_turn_{i + 1}" for i in range(more))
+        """Names of the rows: the coordinates alone, or numbered turns that differ from frame to frame."""
+        if self.directions is None:
+            return self.chosen(problem)
+        return tuple(f"turn_{i + 1}" for i in range(self.directions.shape[1]))
 
     def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
         """Curvature, moment arms and loads of the rows."""
@@ -126,19 +136,91 @@ class HessianStability(StabilityConstraint):
         stiffness = solution.quantities[f"{self.name}.muscle_stiffness"]
         return self.terms(solution.problem).hessian(solution.tendon_force, stiffness)
 
-    def tighten(self, solution: Solution) -> HessianStability | None:
-        """Add the turns that the solution does not withstand, or None if there are none."""
-        hessian = self.hessian(solution)
-        usable = solution.is_solved
-        missed = solution.variables.get(f"{self.name}.missed", np.zeros((len(usable), 1)))
-        hessian = np.where(usable[:, None, None], hessian + missed[:, :, None] * np.eye(hessian.shape[1]), 0.0)
-        values, vectors = np.linalg.eigh(hessian)
-        negative = (values < -EIGENVALUE_TOLERANCE) & usable[:, None]
-        most = int(negative.sum(axis=1).max(initial=0))
-        if most == 0:
+    def tighten(self, problem: MuscleForceProblem, near: LocalModel) -> HessianStability | None:
+        """Add the turns that decide near a point, and those that a solution does not withstand."""
+        terms = self.terms(problem)
+        old = self._directions(problem)
+        if not near.is_solution:
+            turns, found = self._deciding_turns(terms, near, np.arange(len(near.usable)))
+            width = max(turns.shape[1], 0 if found.all() else old.shape[1])
+            directions = np.zeros((len(found), width, old.shape[2]))
+            directions[:, : turns.shape[1]] = turns
+            if not found.all():
+                directions[~found, : old.shape[1]] = old[~found]
+            return replace(self, directions=directions)
+        force, _ = near.tendon_force()
+        stiffness, _ = near.quantity(f"{self.name}.muscle_stiffness")
+        missed = self._missed(near)
+        hessian = terms.hessian(force, stiffness) + missed[:, None, None] * np.eye(len(terms.coordinates))
+        values, vectors = np.linalg.eigh(np.where(near.usable[:, None, None], hessian, 0.0))
+        negative = values < -EIGENVALUE_TOLERANCE
+        if not negative.any():
             return None
         # Eigenvalues rise, so the negative ones come first.
-        new = np.where(negative[:, :most, None], vectors.transpose(0, 2, 1)[:, :most], 0.0)
-        old = self._directions(solution.problem)
-        return replace(self, directions=np.concatenate([old, new], axis=1))
+        most = int(negative.sum(axis=1).max())
+        unstable = np.where(negative[:, :most, None], vectors.transpose(0, 2, 1)[:, :most], 0.0)
+        turns, _ = self._deciding_turns(terms, near, np.flatnonzero(negative.any(axis=1)))
+        return replace(self, directions=np.concatenate([old, unstable, turns], axis=1))
 
+    def _missed(self, near: LocalModel) -> FloatArray:
+        block = near.block(self.name, "missed")
+        if block is None:
+            return np.zeros(len(near.unknowns))
+        return near.unknowns[:, block.start] * STABILITY_SCALE
+
+    def _deciding_turns(
+        self, terms: HessianTerms, near: LocalModel, frames: IntArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Find the null space of the Hessian at the optimum, by quadratic models of the problem.
+
+        Returns
+        -------
+        turns : ndarray, shape (n_frames, n_turns, n)
+            Unit vectors of the null space and their sums and differences; zeros where there are fewer.
+        found : ndarray of bool, shape (n_frames,)
+        """
+        found = np.zeros(len(near.usable), dtype=bool)
+        multiplier = np.zeros((found.size, len(terms.coordinates), len(terms.coordinates)))
+        for _ in range(MODEL_ROUNDS):
+            before = near.unknowns
+            unknowns = before.copy()
+            for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
+                answer = solve_matrix_programs(self._matrix_program(terms, near, part))
+                unknowns[part[answer.is_solved]] = answer.x[answer.is_solved]
+                multiplier[part] = answer.multiplier
+                found[part] = answer.is_solved
+            near = replace(near, unknowns=unknowns)
+            if near.is_quadratic or np.abs(unknowns - before).max() < MODEL_TOLERANCE:
+                break
+        return critical_turns(np.where(found[:, None, None], multiplier, 0.0)), found
+
+    def _matrix_program(self, terms: HessianTerms, near: LocalModel, part: IntArray) -> MatrixProgram:
+        """Model the problem around a point, for some frames."""
+        n, size = near.unknowns.shape[1], len(terms.coordinates)
+        force, force_slope = near.tendon_force()
+        stiffness, stiffness_slope = near.quantity(f"{self.name}.muscle_stiffness")
+        quadratic, linear = near.objective()
+        equations, targets = near.equations()
+        lower, upper = near.bounds()
+        matrices = np.zeros((part.size, n, size, size))
+        for m, j, value in zip(force_slope.row, force_slope.column, force_slope.values.T, strict=True):
+            matrices[:, j] += value[part, None, None] * terms.curvature[part, :, :, m]
+        for m, j, value in zip(
+            stiffness_slope.row, stiffness_slope.column, stiffness_slope.values.T, strict=True
+        ):
+            arm = terms.moment_arms[part, :, m]
+            matrices[:, j] += value[part, None, None] * arm[:, :, None] * arm[:, None, :]
+        missed = near.block(self.name, "missed")
+        if missed is not None:
+            matrices[:, missed.start] += STABILITY_SCALE * np.eye(size)
+        now = terms.hessian(force, stiffness)[part] + self._missed(near)[part, None, None] * np.eye(size)
+        return MatrixProgram(
+            quadratic=quadratic[part],
+            linear=linear[part],
+            equations=equations[part],
+            targets=targets[part],
+            lower=lower[part],
+            upper=upper[part],
+            matrices=matrices,
+            constant=now - np.einsum("kxij,kx->kij", matrices, near.unknowns[part]),
+        )

@@ -113,7 +113,9 @@ class StabilityConstraint(FrameConstraint):
             return ()
         labels = tuple(f"missed_{name}" for name in self.row_names(problem))
         return (
-            VariableSpec(name="missed", labels=labels, lower=0.0, guess=STABILITY_SCALE, scale=STABILITY_SCALE),
+            VariableSpec(
+                name="missed", labels=labels, lower=0.0, guess=STABILITY_SCALE, scale=STABILITY_SCALE
+            ),
         )
 
     def penalty(self, frame: Frame) -> ca.SX | None:
@@ -129,7 +131,9 @@ class StabilityConstraint(FrameConstraint):
         stiffness = self.stiffness_law.stiffness(frame, problem)
         data = frame.data
         return (
-            data["curvature"] @ frame.muscle.tendon_force + data["squared_moment_arms"] @ stiffness - data["load"]
+            data["curvature"] @ frame.muscle.tendon_force
+            + data["squared_moment_arms"] @ stiffness
+            - data["load"]
         )
 
     def quantities(self, frame: Frame, problem: MuscleForceProblem) -> Mapping[str, ca.SX]:

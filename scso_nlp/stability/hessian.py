@@ -128,12 +128,24 @@ def require_curvature(trajectory: MotionTrajectory) -> CoordinateCurvature:
     return trajectory.curvature
 
 
-def rows_along(terms: HessianTerms, directions: FloatArray, names: tuple[str, ...], muscles: tuple[str, ...],
-               notes: tuple[str, ...] = ()) -> StabilityRows:
+def rows_along(
+    terms: HessianTerms,
+    directions: FloatArray,
+    names: tuple[str, ...],
+    muscles: tuple[str, ...],
+    notes: tuple[str, ...] = (),
+) -> StabilityRows:
     """Make stability rows of directions; what is constant stands as (negative) external work."""
     curvature, moment_arms, constant = terms.along(directions)
-    return StabilityRows(rows=names, muscles=muscles, curvature=curvature, moment_arms=moment_arms,
-                         path_length=terms.path_length, external_work=-constant, notes=notes)
+    return StabilityRows(
+        rows=names,
+        muscles=muscles,
+        curvature=curvature,
+        moment_arms=moment_arms,
+        path_length=terms.path_length,
+        external_work=-constant,
+        notes=notes,
+    )
 
 
 def smallest_eigenvalues(hessian: FloatArray) -> tuple[FloatArray, FloatArray]:

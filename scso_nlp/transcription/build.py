@@ -188,7 +188,9 @@ def _row_block(name: str, rows: Rows, pair: bool) -> RowBlock:
         raise ProblemError(f"{name} returned {n} rows, {len(names)} names and {len(unit)} units")
     for what, bound in (("lower", rows.lower), ("upper", rows.upper)):
         if np.shape(bound) not in ((), (1,), (n,)):
-            raise ProblemError(f"{what} of {name} has shape {np.shape(bound)}, expected () or ({n},) = (n_rows,)")
+            raise ProblemError(
+                f"{what} of {name} has shape {np.shape(bound)}, expected () or ({n},) = (n_rows,)"
+            )
     lower, upper = (np.broadcast_to(np.asarray(b, float), (n,)) for b in (rows.lower, rows.upper))
     wrong = np.flatnonzero(~(lower <= upper))
     if wrong.size:
@@ -243,6 +245,7 @@ class AffineRows:
     rows: IntArray
     is_empty: BoolArray
     is_pair: bool
+
 
 @dataclass(frozen=True, kw_only=True)
 class SplitRows:

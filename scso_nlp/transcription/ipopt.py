@@ -50,7 +50,9 @@ class SolverOptions:
         if not 0 < self.tolerance < 1:
             raise ProblemError(f"tolerance is {self.tolerance:g}, expected a number between 0 and 1")
         if not isinstance(self.max_iterations, int | np.integer) or self.max_iterations < 1:
-            raise ProblemError(f"max_iterations is {self.max_iterations}, expected a whole number of at least 1")
+            raise ProblemError(
+                f"max_iterations is {self.max_iterations}, expected a whole number of at least 1"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

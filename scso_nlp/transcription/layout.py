@@ -128,7 +128,9 @@ def _check_spec(owner: str, spec: VariableSpec, n_frames: int) -> None:
     for what in ("lower", "upper", "guess", "scale"):
         shape = np.shape(getattr(spec, what))
         if shape not in ((), (n,), *(((n_frames, n),) if what != "scale" else ())):
-            raise ProblemError(f"{what} {where} has shape {shape}, expected () or ({n},) or ({n_frames}, {n})")
+            raise ProblemError(
+                f"{what} {where} has shape {shape}, expected () or ({n},) or ({n_frames}, {n})"
+            )
     for what, bad in (
         ("lower", ~(np.asarray(spec.lower) <= np.asarray(spec.upper))),
         ("guess", ~np.isfinite(spec.guess)),
