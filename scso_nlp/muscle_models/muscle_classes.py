@@ -1,0 +1,114 @@
+"""Which OpenSim muscle classes are modelled, and how the muscles of a model become columns of each class."""
+
+from __future__ import annotations
+
+import difflib
+from types import MappingProxyType
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.exceptions import DataError
+from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
+from scso_nlp.muscle_models.hill_muscle import HillCurves, HillMuscle
+from scso_nlp.muscles import MuscleParameters
+from scso_nlp.validation import IntArray
+
+#: Module of each OpenSim class. One line per class.
+MUSCLE_CLASSES: MappingProxyType[str, HillCurves] = MappingProxyType(
+    {
+        thelen2003.OPENSIM_CLASS: thelen2003,
+        millard2012.OPENSIM_CLASS: millard2012,
+        degroote2016.OPENSIM_CLASS: degroote2016,
+        rigid_tendon_muscle.OPENSIM_CLASS: rigid_tendon_muscle,
+    }
+)
+
+
+class MuscleGroup(NamedTuple):
+    """The muscles of one class in a model."""
+
+    positions: IntArray  #: where they stand among the model's muscles, shape (n_group,)
+    muscle: HillMuscle  #: their constants, as columns of shape (n_group,)
+
+
+def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
+    """Find the module of an OpenSim muscle class.
+
+    Parameters
+    ----------
+    opensim_class : str
+        OpenSim's class name.
+    muscle : str
+        Name of the muscle, for the message.
+
+    Returns
+    -------
+    module
+        With the names of :class:`HillCurves`.
+
+    Raises
+    ------
+    DataError
+        The class is not modelled; the nearest one is suggested.
+    """
+    if opensim_class not in MUSCLE_CLASSES:
+        nearest = difflib.get_close_matches(opensim_class, list(MUSCLE_CLASSES), n=1, cutoff=0.0)[0]
+        raise DataError(
+            f"muscle {muscle!r} is a {opensim_class}, which is not modelled (nearest: {nearest}; "
+            f"modelled: {', '.join(MUSCLE_CLASSES)})"
+        )
+    return MUSCLE_CLASSES[opensim_class]
+
+
+def muscle_groups(parameters: MuscleParameters) -> tuple[MuscleGroup, ...]:
+    """Sort the muscles of a model by class and check their constants.
+
+    Parameters
+    ----------
+    parameters : MuscleParameters
+        As read from the model.
+
+    Returns
+    -------
+    tuple of MuscleGroup
+        One per class that occurs, in the order of first occurrence.
+
+    Raises
+    ------
+    DataError
+        A class that is not modelled, or a constant without a meaning, in one sentence.
+    """
+    members: dict[str, list[int]] = {}
+    for m, (name, opensim_class) in enumerate(zip(parameters.muscles, parameters.muscle_class, strict=True)):
+        curves_of(opensim_class, name)
+        members.setdefault(opensim_class, []).append(m)
+    return tuple(_group(parameters, c, np.array(where, dtype=np.int64)) for c, where in members.items())
+
+
+def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) -> MuscleGroup:
+    curves = MUSCLE_CLASSES[opensim_class]
+    angle, slack = parameters.pennation_angle_at_optimal, parameters.tendon_slack_length
+    for m in where:
+        name = parameters.muscles[m]
+        if not 0.0 <= angle[m] < 0.5 * np.pi:
+            raise DataError(
+                f"pennation_angle_at_optimal of {name!r} is {angle[m]:g} rad, "
+                "must be at least 0 and less than pi/2"
+            )
+        if curves.HAS_ELASTIC_TENDON and not slack[m] > 0.0:
+            raise DataError(f"tendon_slack_length of {name!r} is {slack[m]:g} m, must be positive")
+    shapes = [
+        curves.check_curve_parameters(parameters.muscles[m], parameters.curve_parameters[m]) for m in where
+    ]
+    muscle = HillMuscle(
+        curves=curves,
+        max_isometric_force=ca.DM(parameters.max_isometric_force[where]),
+        optimal_fiber_length=ca.DM(parameters.optimal_fiber_length[where]),
+        tendon_slack_length=ca.DM(slack[where]),
+        pennation_angle_at_optimal=ca.DM(angle[where]),
+        max_contraction_velocity=ca.DM(parameters.max_contraction_velocity[where]),
+        curve_parameters={name: ca.DM([s[name] for s in shapes]) for name in curves.DEFAULT_CURVE_PARAMETERS},
+    )
+    return MuscleGroup(where, muscle)
