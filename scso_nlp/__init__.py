@@ -9,7 +9,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scso_nlp.constraints import FrameConstraint, FramePairConstraint, JointStability, MomentEquilibrium
+    from scso_nlp.constraints import (
+        ActivationDynamics,
+        ActivationRate,
+        CoordinateStability,
+        FrameConstraint,
+        FramePairConstraint,
+        HessianStability,
+        JointStability,
+        MomentEquilibrium,
+    )
     from scso_nlp.exceptions import (
         CouplingError,
         DataError,
@@ -20,7 +29,7 @@ if TYPE_CHECKING:
         ScsoError,
     )
     from scso_nlp.io.results import write_solution
-    from scso_nlp.muscle_models import MuscleModel, NoPhysiology, RigidTendon
+    from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
     from scso_nlp.muscles import ActuatorParameters, MuscleParameters
     from scso_nlp.objectives import ActivationEffort, FrameObjective, FramePairObjective, FunctionObjective
     from scso_nlp.opensim.engine import load_motion
@@ -31,14 +40,19 @@ if TYPE_CHECKING:
     )
     from scso_nlp.solution import RowResult, Shortfall, Solution, SolveFailed, SolveReport, Status
     from scso_nlp.solve import solve_framewise, solve_trajectory
-    from scso_nlp.trajectory import MotionTrajectory, Skeleton
+    from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
     from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
     from scso_nlp.transcription.ipopt import SolverOptions
 
 #: Where each public name is defined.
 _HOME = {
     "ActivationEffort": "objectives",
+    "ActivationDynamics": "constraints",
+    "ActivationRate": "constraints",
     "ActuatorParameters": "muscles",
+    "CompliantTendon": "muscle_models",
+    "CoordinateCurvature": "trajectory",
+    "CoordinateStability": "constraints",
     "CouplingError": "exceptions",
     "DataError": "exceptions",
     "EngineError": "exceptions",
@@ -49,6 +63,7 @@ _HOME = {
     "FramePairConstraint": "constraints",
     "FramePairObjective": "objectives",
     "FunctionObjective": "objectives",
+    "HessianStability": "constraints",
     "JointStability": "constraints",
     "MomentEquilibrium": "constraints",
     "MotionTrajectory": "trajectory",

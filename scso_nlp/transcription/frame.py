@@ -48,17 +48,14 @@ class MuscleState:
         Tension that acts on the bones.
     passive_force : ca.SX [N]
         Share of `tendon_force` that does not depend on activation; zeros where there is none.
-    fiber_length, pennation_angle : ca.SX or None [m], [rad]
+    fiber_length, cos_pennation_angle : ca.SX or None [m], [-]
         Known to models with a fiber.
-    fiber_stiffness : ca.SX or None [N/m]
-        Change of fiber force with fiber length at constant activation and velocity.
     """
 
     tendon_force: ca.SX
     passive_force: ca.SX
     fiber_length: ca.SX | None = None
-    pennation_angle: ca.SX | None = None
-    fiber_stiffness: ca.SX | None = None
+    cos_pennation_angle: ca.SX | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
