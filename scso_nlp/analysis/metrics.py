@@ -184,6 +184,8 @@ def cross_correlation(
     if not max_lag >= 0:
         raise DataError(f"max_lag is {max_lag}, expected 0 s or more")
     most = math.floor(max_lag / step + 1e-9)
+    if max_lag > 0 and most == 0:
+        raise DataError(f"frames are {step:g} s apart, too coarse to look for a lag of at most {max_lag:g} s")
     if most > (1 - MIN_OVERLAP) * len(time):
         raise DataError(
             f"max_lag is {max_lag:g} s, expected at most half of the motion's {time[-1] - time[0]:g} s"

@@ -173,7 +173,8 @@ def _overview(comparison: Comparison) -> str:
             f"<td>{_text(f'{seconds:.3g} s' if isinstance(seconds, int | float) else '')}</td></tr>"
         )
     used, n_frames = int(comparison.is_used.sum()), len(comparison.time)
-    note = f"{n_frames} frames from {comparison.time[0]:g} to {comparison.time[-1]:g} s. "
+    first, last = float(comparison.time[0]), float(comparison.time[-1])
+    note = f"{n_frames} frames over {last - first:.4g} s, from t = {first:.14g} s. "
     note += (
         "All frames are used below."
         if used == n_frames

@@ -75,6 +75,10 @@ def test_cross_correlation_refuses_uneven_time_and_a_lag_longer_than_half_of_the
         metrics.cross_correlation(a, b, time, max_lag=6)
     with pytest.raises(DataError, match="max_lag is -1"):
         metrics.cross_correlation(a, b, time, max_lag=-1)
+    with pytest.raises(
+        DataError, match=r"frames are 1 s apart, too coarse to look for a lag of at most 0\.2 s"
+    ):
+        metrics.cross_correlation(a, b, time, max_lag=0.2)
     time[6:] += 0.5
     with pytest.raises(DataError, match=r"not uniform: 1.5 s after t = 5 s"):
         metrics.cross_correlation(a, b, time, max_lag=1)
