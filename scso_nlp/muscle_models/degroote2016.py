@@ -105,7 +105,7 @@ def active_force_length(
 
     References
     ----------
-    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936, supplement, equation S2. OpenSim
+    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936. OpenSim
     ``DeGrooteFregly2016Muscle.h``, calcActiveForceLengthMultiplier.
     """
     x = _scaled_length(normalized_fiber_length, parameters)
@@ -171,7 +171,7 @@ def force_velocity(
 
     References
     ----------
-    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936, supplement, equation S4 (as a logarithm). OpenSim
+    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936 (as a logarithm). OpenSim
     ``DeGrooteFregly2016Muscle.h``, calcForceVelocityMultiplier.
     """
     d1, d2, d3, d4 = FORCE_VELOCITY
@@ -227,7 +227,7 @@ def passive_force_length(
 
     References
     ----------
-    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936, supplement, equation S3 (without o). OpenSim
+    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936 (without o). OpenSim
     ``DeGrooteFregly2016Muscle.h``, calcPassiveForceMultiplier.
     """
     strain = parameters["passive_fiber_strain_at_one_norm_force"]
@@ -284,7 +284,7 @@ def tendon_force_length(
 
     References
     ----------
-    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936, supplement, equation S1. OpenSim
+    De Groote et al. (2016), Ann Biomed Eng 44:2922-2936. OpenSim
     ``DeGrooteFregly2016Muscle.h``, calcTendonForceMultiplier, calcTendonStiffnessParameter.
     """
     c1, c2, c3 = TENDON

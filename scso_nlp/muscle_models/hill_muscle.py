@@ -263,7 +263,7 @@ def rigid_tendon_force_parts(
 
     References
     ----------
-    Zajac (1989), Crit Rev Biomed Eng 17:359-411. Millard et al. (2013), J Biomech Eng 135:021005, equation 1.
+    Zajac (1989), Crit Rev Biomed Eng 17:359-411. Millard et al. (2013), J Biomech Eng 135:021005.
     """
     return _rigid_tendon_parts(muscle, muscle_tendon_length, muscle_tendon_velocity, 1.0)
 

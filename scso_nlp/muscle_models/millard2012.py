@@ -125,7 +125,7 @@ def corner(
 
     References
     ----------
-    Millard et al. (2013), J Biomech Eng 135:021005, appendix. OpenSim ``SegmentedQuinticBezierToolkit.cpp``,
+    Millard et al. (2013), J Biomech Eng 135:021005. OpenSim ``SegmentedQuinticBezierToolkit.cpp``,
     calcQuinticBezierCornerControlPoints; ``SmoothSegmentedFunctionFactory.cpp``, scaleCurviness.
     """
     x0, y0, slope0 = start
@@ -573,7 +573,7 @@ def active_force_length(
 
     References
     ----------
-    Millard et al. (2013), J Biomech Eng 135:021005, figure 2. OpenSim ``ActiveForceLengthCurve.cpp``.
+    Millard et al. (2013), J Biomech Eng 135:021005. OpenSim ``ActiveForceLengthCurve.cpp``.
     """
     return bezier_curve(normalized_fiber_length, active_force_length_corners(parameters), order=order)
 
@@ -625,7 +625,7 @@ def force_velocity(
 
     References
     ----------
-    Millard et al. (2013), J Biomech Eng 135:021005, figure 2. OpenSim ``ForceVelocityCurve.cpp``.
+    Millard et al. (2013), J Biomech Eng 135:021005. OpenSim ``ForceVelocityCurve.cpp``.
     """
     return bezier_curve(normalized_fiber_velocity, force_velocity_corners(parameters), order=order)
 
@@ -697,7 +697,7 @@ def passive_force_length(
 
     References
     ----------
-    Millard et al. (2013), J Biomech Eng 135:021005, figure 2. OpenSim ``FiberForceLengthCurve.cpp``.
+    Millard et al. (2013), J Biomech Eng 135:021005. OpenSim ``FiberForceLengthCurve.cpp``.
     """
     return bezier_curve(normalized_fiber_length, passive_force_length_corners(parameters), order=order)
 
@@ -746,7 +746,7 @@ def tendon_force_length(
 
     References
     ----------
-    Millard et al. (2013), J Biomech Eng 135:021005, figure 2. OpenSim ``TendonForceLengthCurve.cpp``.
+    Millard et al. (2013), J Biomech Eng 135:021005. OpenSim ``TendonForceLengthCurve.cpp``.
     """
     return bezier_curve(normalized_tendon_length, tendon_force_length_corners(parameters), order=order)
 

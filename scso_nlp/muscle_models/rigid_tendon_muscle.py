@@ -95,7 +95,7 @@ def simm_spline(points: tuple[tuple[float, float], ...]) -> Spline:
 
     References
     ----------
-    Forsythe, Malcolm and Moler (1977), Computer Methods for Mathematical Computations, section 4.4 (SPLINE).
+    Forsythe, Malcolm and Moler (1977), Computer Methods for Mathematical Computations (SPLINE).
     OpenSim ``SimmSpline.cpp``, calcCoefficients.
     """
     x, y = np.array(points, dtype=float).T

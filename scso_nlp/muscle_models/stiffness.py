@@ -212,7 +212,7 @@ def short_range_stiffness(
 
     References
     ----------
-    Cui et al. (2008), J Biomech 41:1945-1952, equations 1 to 3.
+    Cui et al. (2008), J Biomech 41:1945-1952.
     """
     fiber_force = tendon_force / cos_pennation_angle
     fiber = stiffness_along_tendon(

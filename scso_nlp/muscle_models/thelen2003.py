@@ -41,10 +41,10 @@ DEFAULT_CURVE_PARAMETERS: Mapping[str, float] = MappingProxyType(
 HAS_ELASTIC_TENDON = True
 FORCE_VELOCITY_DEPENDS_ON_ACTIVATION = True
 
-#: Normalized tendon force where the exponential toe ends [-]. Thelen (2003), after equation 5.
+#: Normalized tendon force where the exponential toe ends [-]. Thelen (2003).
 TOE_FORCE = 0.33
 
-#: Exponent of the tendon's toe [-]. Thelen (2003), after equation 5.
+#: Exponent of the tendon's toe [-]. Thelen (2003).
 TOE_SHAPE = 3.0
 
 
@@ -104,7 +104,7 @@ def active_force_length(
 
     References
     ----------
-    Thelen (2003), J Biomech Eng 125:70-77, equation 4. OpenSim ``Thelen2003Muscle.cpp``, calcfal.
+    Thelen (2003), J Biomech Eng 125:70-77. OpenSim ``Thelen2003Muscle.cpp``, calcfal.
     """
     return ca.exp(-((normalized_fiber_length - 1.0) ** 2) / parameters["KshapeActive"])
 
@@ -162,7 +162,7 @@ def passive_force_length(
 
     References
     ----------
-    Thelen (2003), J Biomech Eng 125:70-77, equation 3. OpenSim ``Thelen2003Muscle.cpp``, calcfpe.
+    Thelen (2003), J Biomech Eng 125:70-77. OpenSim ``Thelen2003Muscle.cpp``, calcfpe.
     """
     shape = parameters["KshapePassive"]
     exponent = shape * (normalized_fiber_length - 1.0) / parameters["FmaxMuscleStrain"]
@@ -324,7 +324,7 @@ def tendon_force_length(
 
     References
     ----------
-    Thelen (2003), J Biomech Eng 125:70-77, equation 5. OpenSim ``Thelen2003Muscle.cpp``, calcfse.
+    Thelen (2003), J Biomech Eng 125:70-77. OpenSim ``Thelen2003Muscle.cpp``, calcfse.
     """
     strain = normalized_tendon_length - 1.0
     toe, linear = _tendon_toe(parameters)
