@@ -1,0 +1,32 @@
+"""Twice the frames, twice the program."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from helpers import random_problem
+
+from scso_nlp.transcription.build import build_nlp, describe, split_rows
+
+
+@pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0, np.inf])
+def test_nonzeros_of_the_program_grow_exactly_linearly_with_frames(rng, exponent):
+    problem = random_problem(rng, n_frames=16, exponent=exponent, reserve=5.0)
+    program = describe(problem)
+    split = split_rows(program)
+    counts = []
+    for n_frames in (1, 2, 4, 8, 16):
+        nlp = build_nlp(program, split, n_frames)
+        lagrangian = nlp.f + ca.dot(ca.MX.sym("lam", nlp.g.numel()), nlp.g)
+        counts.append(
+            [
+                nlp.x.numel(),
+                nlp.g.numel(),
+                nlp.p.numel(),
+                ca.jacobian(nlp.g, nlp.x).nnz(),
+                ca.hessian(lagrangian, nlp.x)[0].nnz(),
+            ]
+        )
+    counts = np.array(counts)
+    np.testing.assert_array_equal(counts, counts[0] * np.array([[1], [2], [4], [8], [16]]))
