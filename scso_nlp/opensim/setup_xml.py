@@ -337,7 +337,7 @@ def read_external_loads(path: Path, near: Path | None = None) -> LoadSource:
             continue
         for kind in ("force_identifier", "point_identifier", "torque_identifier"):
             identifier = own.text(kind)
-            if identifier:
+            if identifier and identifier.lower() != "unassigned":
                 identifiers.append((load.get("name", ""), identifier))
     return LoadSource(
         text=ElementTree.tostring(root, encoding="unicode"), data=data, identifiers=tuple(identifiers)

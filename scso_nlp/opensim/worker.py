@@ -948,7 +948,7 @@ class Engine:
         forces, points, torques = np.zeros((n_loads, 3)), np.zeros((n_loads, 3)), np.zeros((n_loads, 3))
         for i, load in enumerate(self.loads):
             expressed = self._physical_frame(load.getForceExpressedInBodyName() or "ground")
-            if load.get_force_identifier():
+            if load.get_force_identifier().lower() not in ("", "unassigned"):
                 force = load.getForceAtTime(time)
                 forces[i] = expressed.expressVectorInGround(state, force).to_numpy()
             if load.appliesTorque():

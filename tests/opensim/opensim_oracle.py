@@ -1,0 +1,57 @@
+"""What OpenSim itself says, computed the slow way; run as a script because OpenSim needs its own process."""
+
+import json
+import sys
+
+import numpy as np
+import opensim
+
+
+def run_static_optimization(question):
+    """Run AnalyzeTool on a setup file, results into a folder."""
+    tool = opensim.AnalyzeTool(question["setup"])
+    tool.setResultsDir(question["results"])
+    tool.run()
+
+
+def moment_arms(question):
+    """Compute every moment arm by OpenSim's own moment arm solver."""
+    model = opensim.Model(question["model"])
+    state = model.initSystem()
+    coordinates, couplers = model.getCoordinateSet(), []
+    constraints = model.getConstraintSet()
+    for i in range(constraints.getSize()):
+        coupler = opensim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
+        if coupler is not None:
+            couplers.append(coupler)
+    result = []
+    for values in question["values"]:
+        for name, value in zip(question["coordinates"], values, strict=True):
+            coordinates.get(name).setValue(state, value, False)
+        for coupler in couplers:
+            names = coupler.getIndependentCoordinateNames()
+            independent = np.array(
+                [coordinates.get(names.get(i)).getValue(state) for i in range(names.getSize())]
+            )
+            dependent = coupler.getFunction().calcValue(opensim.Vector.createFromMat(independent))
+            coordinates.get(coupler.getDependentCoordinateName()).setValue(state, dependent, False)
+        model.realizePosition(state)
+        muscles = [model.getMuscles().get(name) for name in question["muscles"]]
+        result.append(
+            [
+                [muscle.getPath().computeMomentArm(state, coordinates.get(name)) for muscle in muscles]
+                for name in question["coordinates"]
+            ]
+        )
+    np.savez(question["output"], moment_arms=np.array(result))
+
+
+def main():
+    """Answer the question given as JSON on the command line."""
+    question = json.loads(sys.argv[1])
+    opensim.Logger.setLevelString("Error")
+    {"static optimization": run_static_optimization, "moment arms": moment_arms}[question["kind"]](question)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,402 @@
+"""Worker processes, caching and refused input."""
+
+import dataclasses
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_model import Tiny, setup_text, write_motion
+
+from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMismatchError, ScsoError
+from scso_nlp.io.bundle import read_provenance
+from scso_nlp.opensim import engine, load_motion
+from scso_nlp.opensim.setup_xml import read_analyze_setup
+
+pytestmark = pytest.mark.opensim
+
+
+def assert_identical(one: object, other: object) -> None:
+    """Every field the same to the last bit."""
+    for item in dataclasses.fields(one):  # type: ignore[arg-type]
+        a, b = getattr(one, item.name), getattr(other, item.name)
+        if dataclasses.is_dataclass(a):
+            assert_identical(a, b)
+        elif isinstance(a, np.ndarray):
+            np.testing.assert_array_equal(a, b, err_msg=item.name)
+        else:
+            assert a == b, item.name
+
+
+@pytest.mark.parametrize("case", ["tiny", "walking3d"])
+def test_the_number_of_processes_does_not_change_one_bit(
+    case: str, tiny: Tiny, request: pytest.FixtureRequest
+) -> None:
+    setup, changes = tiny.setup, {"stability_axes": (("elbow", "z"), ("elbow", "x"))}
+    if case == "walking3d":
+        setup = request.getfixturevalue("shared_data") / case / "setup_static_optimization.xml"
+        changes = {"final_time": 0.7, "stability_axes": (("hip_r", "x"),)}
+    alone, *others = (load_motion(setup, processes=n, **changes) for n in (1, 2, 3))
+    for other in others:
+        for a, b in zip(alone, other, strict=True):
+            assert_identical(a, b)
+
+
+def test_the_range_of_a_filtered_motion_is_what_was_recorded(tiny: Tiny) -> None:
+    trajectory, _, _ = load_motion(tiny.setup, initial_time=None, final_time=None)
+    assert trajectory.time[0] == pytest.approx(0, abs=0.01)
+    assert trajectory.time[-1] == pytest.approx(1, abs=0.01)
+
+
+def test_a_second_load_from_the_cache_needs_no_opensim(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache = tiny.folder / "cache"
+    first = load_motion(tiny.setup, cache=cache)
+    (bundle,) = cache.iterdir()
+    provenance = read_provenance(bundle)
+    assert str(tiny.model) in provenance.inputs
+    assert str(tiny.folder / "hand.mot") in provenance.inputs
+
+    def forbidden(*_: object, **__: object) -> None:
+        raise AssertionError("started a process")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(subprocess, "Popen", forbidden)
+        for a, b in zip(first, load_motion(tiny.setup, cache=cache), strict=True):
+            assert_identical(a, b)
+        tiny.model.write_text(tiny.model.read_text().replace("<mass>2.0</mass>", "<mass>2.5</mass>"))
+        with pytest.raises(AssertionError, match="started a process"):
+            load_motion(tiny.setup, cache=cache)
+    heavier = load_motion(tiny.setup, cache=cache)
+    assert len(list(cache.iterdir())) == 2
+    assert np.abs(heavier[0].generalized_forces - first[0].generalized_forces).max() > 0.05
+
+
+def test_a_damaged_cache_is_computed_again(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
+    cache = tiny.folder / "cache"
+    first = load_motion(tiny.setup, cache=cache)
+    (bundle,) = cache.iterdir()
+    bundle.write_bytes(bundle.read_bytes()[:1000])
+    again = load_motion(tiny.setup, cache=cache)
+    assert_identical(first[0], again[0])
+    assert any("computed again" in message for message in caplog.messages)
+
+
+def test_nothing_of_opensims_chatter_reaches_the_terminal(
+    tiny: Tiny, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, logger="scso_nlp")
+    load_motion(tiny.setup, progress=False)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err == ""
+    assert any("peak memory" in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize("first", ["opensim", "casadi"])
+def test_it_works_beside_casadi_and_after_someone_imported_opensim(first: str, tiny: Tiny) -> None:
+    """`import opensim` leaves LD_LIBRARY_PATH behind, for all children of the process."""
+    script = f"""
+        import os
+        import {first}
+        before = dict(os.environ)
+        from scso_nlp.opensim import load_motion
+        trajectory, _, _ = load_motion({str(tiny.setup)!r}, processes=1)
+        assert dict(os.environ) == before
+        print(trajectory.n_frames)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=Path(__file__).parents[2],
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[-1]) == 71
+
+
+def test_the_environment_of_workers_has_no_folder_with_a_foreign_casadi(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foreign, plain = tmp_path / "foreign", tmp_path / "plain"
+    for folder in (foreign, plain):
+        folder.mkdir()
+    (foreign / "libcasadi.so.3.7").touch()
+    monkeypatch.setenv("LD_LIBRARY_PATH", f"{foreign}{os.pathsep}{plain}")
+    assert engine.worker_environment()["LD_LIBRARY_PATH"] == str(plain)
+    assert os.environ["LD_LIBRARY_PATH"] == f"{foreign}{os.pathsep}{plain}"
+
+
+def _children() -> list[int]:
+    found = []
+    for task in Path("/proc/self/task").iterdir():
+        found += [int(pid) for pid in (task / "children").read_text().split()]
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the worker in /proc")
+@pytest.mark.parametrize("moment", ["start", "half-way"])
+def test_a_worker_killed_from_outside_ends_the_run_with_its_name(
+    moment: str, tiny: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "WORKER", tiny.folder / "slow_worker.py")
+    source = Path(engine.__file__).with_name("worker.py").read_text()
+    # the same worker, but slow enough to be met half-way
+    slow = source.replace(
+        "frame = engine.frame(motion, int(row))",
+        "frame = engine.frame(motion, int(row))\n" + 8 * " " + "clock.sleep(0.05)",
+    )
+    assert slow != source
+    (tiny.folder / "slow_worker.py").write_text(slow)
+    before = set(_children())
+    seen: list[int] = []
+
+    def kill_one() -> None:
+        until = time.monotonic() + 20
+        while time.monotonic() < until:
+            started = [pid for pid in _children() if pid not in before]
+            if len(started) == 2:
+                seen.extend(started)
+                time.sleep(0.0 if moment == "start" else 1.6)
+                os.kill(started[1], signal.SIGKILL)
+                return
+            time.sleep(0.01)
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    cache = tiny.folder / "cache"
+    with pytest.raises(EngineError, match=r"was ended by SIGKILL \(signal 9\)") as failure:
+        load_motion(tiny.setup, processes=2, cache=cache, initial_time=0.0, final_time=1.0)
+    killer.join()
+    assert re.search(r"before its first frame|after \d+ of its \d+ frames", str(failure.value))
+    assert not set(_children()) & set(seen), "the other worker was left behind"
+    assert not list(cache.glob("*"))
+
+
+def _replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def _no_column(tiny: Tiny) -> None:
+    _replace(tiny.moving, "elbow_flexion", "elbow_angle")
+
+
+def _not_a_number(tiny: Tiny) -> None:
+    lines = tiny.moving.read_text().splitlines()
+    cells = lines[30].split("\t")
+    lines[30] = "\t".join([cells[0], "nan", *cells[2:]])
+    tiny.moving.write_text("\n".join(lines) + "\n")
+
+
+def _weak_model(tiny: Tiny) -> None:
+    _replace(
+        tiny.model,
+        "<optimal_fiber_length>0.15</optimal_fiber_length>",
+        "<optimal_fiber_length>0.15</optimal_fiber_length><minimum_activation>-1</minimum_activation>",
+    )
+
+
+def _few_frames(tiny: Tiny) -> None:
+    write_motion(
+        tiny.moving, np.linspace(0, 1, 4), {"shoulder_flexion": np.zeros(4), "elbow_flexion": np.zeros(4)}
+    )
+
+
+BAD_INPUT = {
+    "a column that is not there": (
+        _no_column,
+        NameMismatchError,
+        "moving.mot has no column for elbow_flexion, coordinates of tiny.osim",
+    ),
+    "not a number": (
+        _not_a_number,
+        DataError,
+        "moving.mot: column 'shoulder_flexion' is nan at t = 0.23 s",
+    ),
+    "a model that OpenSim refuses": (
+        _weak_model,
+        EngineError,
+        "OpenSim refused tiny.osim: .*minimum_activation.*in Component '/forceset/",
+    ),
+    "too short a motion": (_few_frames, DataError, "has 4 frames, expected at least 6"),
+    "a missing model": (lambda tiny: tiny.model.unlink(), DataError, "model_file 'tiny.osim' does not exist"),
+    "a missing load file": (
+        lambda tiny: (tiny.folder / "hand.mot").unlink(),
+        DataError,
+        "datafile 'hand.mot' does not exist",
+    ),
+    "a load column that is not there": (
+        lambda tiny: _replace(tiny.loads, "hand_v<", "hand_q<"),
+        NameMismatchError,
+        "the load 'hand' needs three columns that start with 'hand_q', found none",
+    ),
+    "a load that ends too early": (
+        lambda tiny: write_motion(
+            tiny.folder / "hand.mot",
+            np.linspace(0, 0.5, 51),
+            {f"hand_{kind}{axis}": np.zeros(51) for kind in "vp" for axis in "xyz"},
+        ),
+        DataError,
+        "covers 0 to 0.5 s, expected the analyzed range",
+    ),
+    "a truncated model": (
+        lambda tiny: tiny.model.write_text(tiny.model.read_text()[:900]),
+        FileFormatError,
+        "tiny.osim is not well-formed XML",
+    ),
+    "a force set that is none": (
+        lambda tiny: tiny.actuators.write_text("<OpenSimDocument><Model/></OpenSimDocument>"),
+        FileFormatError,
+        "reserves.xml holds Model, expected ForceSet",
+    ),
+    "an actuator for no coordinate": (
+        lambda tiny: _replace(tiny.actuators, "<coordinate>elbow_flexion", "<coordinate>wrist"),
+        EngineError,
+        "OpenSim refused tiny.osim: .*wrist",
+    ),
+    "a body for the load that is not there": (
+        lambda tiny: _replace(tiny.loads, "<applied_to_body>lower", "<applied_to_body>hand"),
+        EngineError,
+        "OpenSim refused tiny.osim: .*'hand'",
+    ),
+    "an actuator that is not scalar": (
+        lambda tiny: _replace(
+            tiny.actuators,
+            "</objects>",
+            '<BodyActuator name="six"><socket_body>/bodyset/lower</socket_body></BodyActuator></objects>',
+        ),
+        DataError,
+        "the actuator six \\(BodyActuator\\) is not a scalar actuator",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD_INPUT)
+def test_bad_input_is_refused_in_one_sentence(what: str, tiny: Tiny) -> None:
+    spoil, kind, message = BAD_INPUT[what]
+    spoil(tiny)
+    with pytest.raises(kind, match=message) as failure:
+        load_motion(tiny.setup, processes=1)
+    assert "\n" not in str(failure.value)
+    assert len(str(failure.value)) < 500
+
+
+def test_the_real_model_that_opensim_refuses_is_named_with_the_reason(shared_data: Path) -> None:
+    with pytest.raises(
+        EngineError,
+        match=r"OpenSim refused arm26\.osim: .*Minimum activation cannot be less than 0\.01.*TRIlong",
+    ):
+        load_motion(shared_data / "arm26" / "arm26_Setup_StaticOptimization.xml")
+
+
+@pytest.mark.parametrize(("initial", "final"), [(2.0, 3.0), (0.0, 1.5), (-0.4, 0.5)])
+def test_a_time_range_outside_the_motion_is_refused(initial: float, final: float, tiny: Tiny) -> None:
+    """OpenSim would run on what the filter mirrored beyond the ends."""
+    with pytest.raises(DataError, match=r"is outside .*moving\.mot, which covers 0 to 1 s"):
+        load_motion(tiny.setup, initial_time=initial, final_time=final)
+
+
+def test_names_of_stability_axes_and_settings_are_checked(tiny: Tiny) -> None:
+    with pytest.raises(NameMismatchError, match=r"unknown joint 'knee'.*shoulder, elbow, sliding"):
+        load_motion(tiny.setup, stability_axes=(("knee", "z"),))
+    with pytest.raises(DataError, match="the axis 'w', expected x, y or z"):
+        load_motion(tiny.setup, stability_axes=(("elbow", "w"),))
+    with pytest.raises(DataError, match="unknown setting end_time"):
+        load_motion(tiny.setup, end_time=1.0)
+    with pytest.raises(DataError, match="needs a setup file"):
+        load_motion()
+    with pytest.raises(DataError, match="processes is 0"):
+        load_motion(tiny.setup, processes=0)
+
+
+def test_a_light_end_segment_may_lack_its_column_but_says_so(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture
+) -> None:
+    _no_column(tiny)
+    trajectory, _, _ = load_motion(tiny.setup, held_coordinates=("elbow_flexion",))
+    assert (trajectory.coordinate_values[:, 1] == 0).all()
+    _replace(tiny.model, "<mass>1.5</mass>", "<mass>0.01</mass>")
+    setup = tiny.folder / "unloaded.xml"
+    setup.write_text(setup_text(external_loads_file=""))
+    load_motion(setup)
+    assert any("held at zero, as OpenSim does" in message for message in caplog.messages)
+
+
+def test_a_locked_coordinate_is_eliminated_at_its_default(tiny: Tiny) -> None:
+    _replace(
+        tiny.model,
+        '<Coordinate name="shoulder_flexion">',
+        '<Coordinate name="shoulder_flexion"><default_value>0.25</default_value><locked>true</locked>',
+    )
+    trajectory, _, _ = load_motion(tiny.setup)
+    assert trajectory.coordinates == ("elbow_flexion",)
+    skeleton = trajectory.skeleton
+    assert skeleton is not None
+    elbow = skeleton.joint_centers[0, skeleton.joints.index("elbow")]
+    np.testing.assert_allclose(elbow, [0.3 * np.sin(0.25), 1 - 0.3 * np.cos(0.25), 0], atol=1e-9)
+
+
+def test_a_states_file_gives_the_same_as_its_coordinates_and_speeds(tiny: Tiny) -> None:
+    """Angles of a polynomial, so that the spline's speeds are exact away from its natural ends."""
+    t = np.linspace(0, 1, 201)
+    shoulder, elbow = 0.2 + 0.3 * t - 0.2 * t**2, 0.5 + 0.4 * t**2
+    rates = 0.3 - 0.4 * t, 0.8 * t
+    motion = write_motion(tiny.folder / "m.sto", t, {"shoulder_flexion": shoulder, "elbow_flexion": elbow})
+    states = write_motion(
+        tiny.folder / "states.sto",
+        t,
+        {
+            "/jointset/shoulder/shoulder_flexion/value": shoulder,
+            "/jointset/shoulder/shoulder_flexion/speed": rates[0],
+            "/jointset/elbow/elbow_flexion/value": elbow,
+            "/jointset/elbow/elbow_flexion/speed": rates[1],
+        },
+    )
+    speeds = write_motion(
+        tiny.folder / "u.sto", t, {"shoulder_flexion_u": rates[0], "elbow_flexion_u": rates[1]}
+    )
+    common = {"model": tiny.model, "initial_time": 0.4, "final_time": 0.6}
+    by_states = load_motion(states=states, **common)[0]
+    by_speeds = load_motion(coordinates=motion, speeds=speeds, **common)[0]
+    by_spline = load_motion(coordinates=motion, **common)[0]
+    assert_identical(by_states.skeleton, by_speeds.skeleton)
+    np.testing.assert_allclose(by_states.generalized_forces, by_speeds.generalized_forces, atol=1e-12)
+    # the spline is natural at its ends; what is left of that in the middle of 200 intervals
+    np.testing.assert_allclose(by_states.generalized_forces, by_spline.generalized_forces, atol=1e-6)
+
+
+def test_a_setup_of_windows_reads_the_same(tiny: Tiny) -> None:
+    expected = load_motion(tiny.setup)
+    (tiny.folder / "sub").mkdir()
+    setup = tiny.folder / "sub" / "windows.xml"
+    setup.write_text(
+        setup_text(
+            model_file=" ..\\tiny.osim ",
+            force_set_files=" ..\\reserves.xml ",
+            coordinates_file="..\\moving.mot",
+            external_loads_file="..\\loads.xml",
+        )
+    )
+    _replace(tiny.loads, "hand.mot", ".\\hand.mot")
+    found = load_motion(setup)
+    for a, b in zip(expected, found, strict=True):
+        assert_identical(a, b)
+
+
+def test_every_failure_of_a_setup_is_an_error_of_this_package(tiny: Tiny) -> None:
+    for position in range(0, len(tiny.setup.read_text()), 37):
+        cut = tiny.folder / "cut.xml"
+        cut.write_text(tiny.setup.read_text()[:position])
+        with pytest.raises(ScsoError):
+            read_analyze_setup(cut)
