@@ -135,9 +135,7 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
         if has_actuators:
             _curve(panel, x, balance.actuators[:, c], color=_VERMILION, line="-", label="reserves")
             share = balance.actuator_share[c]
-            title += "\nreserves: " + (
-                f"{100 * share:.{0 if share >= 0.1 else 1}f} %" if np.isfinite(share) else "-"
-            )
+            title += f"\nreserves: {_percent(share)}"
         _shade_failed(panel, x, solution)
         _widen(panel)
         _title(panel, title)
@@ -299,6 +297,13 @@ def _shade_failed(panel: Axes, x: FloatArray, solution: Solution) -> None:
     starts, stops = np.flatnonzero(failed[1:] & ~failed[:-1]), np.flatnonzero(failed[:-1] & ~failed[1:])
     for start, stop in zip(starts, stops, strict=True):
         panel.axvspan(edges[start], edges[stop], color="0.8", linewidth=0, zorder=0, label="not solved")
+
+
+def _percent(share: float) -> str:
+    """Two digits are enough for a share; a dash where there is none."""
+    if not np.isfinite(share):
+        return "-"
+    return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.1f} %"
 
 
 def _widen(panel: Axes) -> None:

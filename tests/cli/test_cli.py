@@ -1,5 +1,6 @@
 """The command line, from outside: exit codes, messages, files."""
 
+import contextlib
 import json
 import shutil
 import subprocess
@@ -9,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from scso_nlp.cli import app
 from scso_nlp.examples import example_folder, example_names
 from scso_nlp.io import read_storage
 from scso_nlp.settings import template
@@ -18,6 +21,14 @@ pytestmark = pytest.mark.opensim
 
 
 def scso(*arguments, cwd):
+    """Run in this process, which is faster; what must hold from outside goes through `from_outside`."""
+    with contextlib.chdir(cwd):
+        done = CliRunner().invoke(app, [str(argument) for argument in arguments], prog_name="scso")
+    done.returncode = done.exit_code
+    return done
+
+
+def from_outside(*arguments, cwd):
     command = [sys.executable, "-m", "scso_nlp.cli", *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
@@ -36,7 +47,7 @@ def spine(tmp_path) -> Path:
 
 def test_help_comes_fast_and_without_loading_solver_or_figures(tmp_path):
     started = time.perf_counter()
-    done = scso("--help", cwd=tmp_path)
+    done = from_outside("--help", cwd=tmp_path)
     elapsed = time.perf_counter() - started
     assert done.returncode == 0
     for command in ("run", "init", "example"):
@@ -59,7 +70,7 @@ def test_examples_are_listed_with_one_line_each(tmp_path):
 
 
 def test_an_example_runs_to_files_and_figures(tmp_path):
-    done = scso("example", "spine-load-height", cwd=tmp_path)
+    done = from_outside("example", "spine-load-height", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     folder = tmp_path / "scso_results" / "spine-load-height"
     for part in ("static_optimization", "with_stability"):
@@ -169,6 +180,76 @@ def test_bad_input_is_one_sentence_and_exit_code_2(spine, arguments, message):
     assert len(errors) == 1
     assert "Traceback" not in done.stderr
     assert files(spine) == before
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("setup.xml", "</AnalyzeTool>", "", "setup.xml is not well-formed XML"),
+        ("setup.xml", "<OpenSimDocument", '<!DOCTYPE a [<!ENTITY b "c">]>\n<OpenSimDocument', "XML entities"),
+        ("setup.xml", "<final_time>9<", "<final_time>99<", "the time range 0 to 99 s is outside"),
+        ("setup.xml", "motion.mot", "walk.mot", "'walk.mot' does not exist"),
+        ("motion.mot", "5\t0\t0", "5\tnan\t0", "lumbar_pelvis_flexion"),
+        ("motion.mot", "lumbar_pelvis_flexion", "pelvis_flexion", "lumbar_pelvis_flexion"),
+        ("external_loads.xml", "loads.mot", "forces.mot", "'forces.mot' does not exist"),
+        ("spine.osim", "</Model>", "", "spine.osim"),
+    ],
+)
+def test_unusable_files_are_one_sentence_and_exit_code_2(spine, name, old, new, message):
+    edit(spine / name, old, new)
+    before = files(spine)
+    done = scso("run", "setup.xml", cwd=spine)
+    assert done.returncode == 2, done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert "Traceback" not in done.stderr
+    assert files(spine) == before
+
+
+def test_a_model_that_opensim_refuses_is_one_sentence_and_exit_code_2(shared_data, tmp_path):
+    done = scso("run", shared_data / "arm26" / "arm26_Setup_StaticOptimization.xml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "OpenSim refused arm26.osim" in done.stderr
+    assert "minimum_activation" in done.stderr
+    assert files(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("folder", "setup", "name"),
+    [
+        ("arm26", "arm26_millard_Setup_StaticOptimization.xml", "arm26_millard"),
+        ("gait10dof18musc", "setup_static_optimization.xml", "gait10dof18musc"),
+    ],
+)
+def test_a_plain_setup_file_answers_as_opensims_own_tool(shared_data, tmp_path, folder, setup, name):
+    source = shared_data / folder / setup
+    script = (
+        "import sys, opensim; opensim.Logger.setLevelString('Off'); tool = opensim.AnalyzeTool(sys.argv[1]); "
+        "tool.setResultsDir(sys.argv[2]); tool.run()"
+    )
+    subprocess.run([sys.executable, "-c", script, source, tmp_path / "opensim"], check=True, timeout=300)
+    done = scso("run", source, "--no-figures", "--output", "ours", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for kind in ("activation", "force"):
+        file = f"{name}_StaticOptimization_{kind}.sto"
+        theirs, ours = read_storage(tmp_path / "opensim" / file), read_storage(tmp_path / "ours" / file)
+        assert ours.name == theirs.name
+        assert ours.labels == theirs.labels
+        # the file holds times to the printed digits
+        np.testing.assert_allclose(ours.time, theirs.time, rtol=0, atol=1e-8)
+        if kind == "activation":
+            # OpenSim's own optimizer stops up to 0.01 from the optimum of its problem
+            np.testing.assert_allclose(ours.values, theirs.values, rtol=0, atol=0.01)
+        else:
+            loads = [i for i, label in enumerate(ours.labels) if label.startswith("calcn_")]
+            np.testing.assert_allclose(ours.values[:, loads], theirs.values[:, loads], rtol=1e-6, atol=1e-5)
 
 
 def test_a_misspelled_option_has_exit_code_2(tmp_path):
