@@ -66,7 +66,7 @@ def save_bundle(
     Parameters
     ----------
     path : str or path-like
-        Target, by custom ``.npz``; an existing file is replaced. The folder must exist.
+        Target, usually ``.npz``; an existing file is replaced. The folder must exist.
     trajectory : MotionTrajectory
     muscles : MuscleParameters
     actuators : ActuatorParameters

@@ -7,7 +7,6 @@ neither. Everything that can be said about the input without OpenSim is checked 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import importlib.metadata
@@ -108,15 +107,7 @@ def load_motion(
     if isinstance(setup, (str, os.PathLike)):
         setup = read_analyze_setup(setup)
     motion = setup.motion if isinstance(setup, AnalyzeSetup) else setup
-    if motion is not None:
-        motion = with_changes(motion, changes)
-    elif "model" in changes:
-        unknown = sorted(set(changes) - {item.name for item in dataclasses.fields(MotionInput)})
-        if unknown:
-            raise DataError(f"unknown setting {', '.join(unknown)} of a motion")
-        motion = MotionInput(**changes)
-    else:
-        raise DataError("load_motion needs a setup file, or at least model and coordinates")
+    motion = with_changes(motion, changes)
     if processes is not None and processes < 1:
         raise DataError(f"processes is {processes}, expected 1 or more")
     checked = _check(motion)
@@ -132,9 +123,11 @@ def load_motion(
             return result
         except DataError as error:
             logger.warning("the cached motion is computed again: %s", error)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"the cache folder {folder} cannot be made: {error.strerror or error}") from None
     result = _extract(checked, processes, progress)
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(parents=True)
     save_bundle(bundle, *result, provenance=provenance)
     return result
 

@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import ElementTree
@@ -501,20 +502,35 @@ def _absolute(path: str | os.PathLike[str]) -> Path:
     return Path(os.path.abspath(os.path.expanduser(path)))
 
 
-def with_changes(motion: MotionInput, changes: dict[str, object]) -> MotionInput:
+def with_changes(motion: MotionInput | None, changes: dict[str, Any]) -> MotionInput:
     """Replace fields of a motion input; a new kind of motion file replaces the other.
+
+    Parameters
+    ----------
+    motion : MotionInput or None
+        Without it `changes` must hold `model` and a motion.
+    changes : dict
+        New values by field name.
+
+    Returns
+    -------
+    MotionInput
 
     Raises
     ------
     DataError
-        A name that is not a field.
+        A name that is not a field, or no model.
     """
     known = set(MotionInput.__dataclass_fields__)
     unknown = sorted(set(changes) - known)
     if unknown:
         raise DataError(f"unknown setting {', '.join(unknown)}, expected one of {', '.join(sorted(known))}")
+    if motion is None:
+        if "model" not in changes:
+            raise DataError("load_motion needs a setup file, or at least model and coordinates")
+        return MotionInput(**changes)
     if changes.get("coordinates") is not None and "states" not in changes:
         changes = {**changes, "states": None}
     if changes.get("states") is not None and "coordinates" not in changes:
         changes = {**changes, "coordinates": None, "speeds": changes.get("speeds")}
-    return replace(motion, **changes)  # type: ignore[arg-type]
+    return replace(motion, **changes)

@@ -797,7 +797,6 @@ class Engine:
         constraints = self._constraint_matrix() if self.is_constrained else np.zeros((0, self.n_u))
         coupling = self._coupling(constraints)
         accelerations = self._accelerations(motion.accelerations[row], constraints)
-        arms = self.path_forces(coupling)
         self.poses = self._body_poses()
         net = self._inverse_dynamics(accelerations)
         result = {
@@ -806,7 +805,7 @@ class Engine:
             "coordinate_speeds": self._read("getSpeedValue"),
             "muscle_tendon_length": np.array([path.getLength(state) for path in self._paths]),
             "muscle_tendon_velocity": np.array([path.getLengtheningSpeed(state) for path in self._paths]),
-            "moment_arms": arms,
+            "moment_arms": coupling.T @ self._path_columns(),
             "active_force_capacity": np.array(
                 [muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in self.muscles]
             ),
@@ -831,11 +830,8 @@ class Engine:
             accelerations[self.dependent] = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
         return accelerations
 
-    def path_forces(self, coupling: Array) -> Array:
-        """Return the generalized force of each path at 1 N tension, shape (n_free, n_muscles)."""
-        return coupling.T @ self._path_columns()
-
     def _path_columns(self) -> Array:
+        """Return the generalized force of each path at 1 N tension, shape (n_u, n_muscles)."""
         osim, state, out = self.osim, self.state, self._vector
         columns = np.zeros((self.n_u, len(self._paths)))
         nothing = osim.Vector(self._no_mobility_forces)
