@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 import scso_nlp as scso
+from scso_nlp.transcription.build import describe, evaluate
 
 
 def muscle_parameters(names, strength, *, lower=0.0, upper=1.0, optimal_fiber_length=0.1):
@@ -370,3 +371,24 @@ def central_difference(function, x, step):
         back[i] -= step
         columns.append((np.asarray(function(ahead)) - np.asarray(function(back))) / (2 * step))
     return np.stack(columns, axis=-1)
+
+
+def evaluate_terms(problem, activation, control=None, variables=None):
+    """Values of all terms at given activations and controls, frames first, without solving.
+
+    Returns (objective values per frame by name, row values by name, tendon forces).
+    """
+    program = describe(problem)
+    n_frames = problem.trajectory.n_frames
+    parts = {("problem", "activation"): np.asarray(activation, dtype=float)}
+    if control is not None:
+        parts["problem", "control"] = np.asarray(control, dtype=float)
+    parts |= variables or {}
+    x = program.layout.join(parts, program.layout.rows("guess", n_frames)) / program.layout.scale
+
+    def of(piece):
+        return evaluate(piece, piece.function(), x, program.arrays)[0]
+
+    costs = {name: of(piece)[:, 0] for name, piece in program.objectives}
+    rows = {block.term: of(piece) for block, piece in zip(program.row_blocks, program.rows, strict=True)}
+    return costs, rows, of(program.tendon_force)

@@ -1,1 +1,1 @@
-
+"""Numbers, comparisons and figures made from solutions; nothing here solves anything."""

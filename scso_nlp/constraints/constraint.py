@@ -36,7 +36,7 @@ class Constraint:
         return {}
 
 
-class FrameConstraint(Constraint):
+class FrameConstraint(Constraint, abc.ABC):
     """Rows that look at one frame."""
 
     @abc.abstractmethod
@@ -60,7 +60,7 @@ class FrameConstraint(Constraint):
         return None
 
 
-class FramePairConstraint(Constraint):
+class FramePairConstraint(Constraint, abc.ABC):
     """Rows that look at two neighbouring frames; they couple the whole motion."""
 
     @abc.abstractmethod

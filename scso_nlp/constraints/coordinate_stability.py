@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinateStability(StabilityConstraint):
-    r"""The Hessian's diagonal: stability along each chosen coordinate is at least `level`.
+    r"""Stability along each chosen coordinate is at least `level`.   depends on: one frame.
 
     .. math:: H_{ii} \ge \text{level}_i
 

@@ -33,7 +33,7 @@ FRAMES_PER_BATCH = 64
 
 @dataclass(frozen=True, kw_only=True)
 class HessianStability(StabilityConstraint):
-    r"""The whole Hessian over the chosen coordinates is positive semi-definite above its levels.
+    r"""The Hessian over the chosen coordinates is positive semi-definite.   depends on: one frame.
 
     .. math:: H - \operatorname{diag}(\text{level}) \succeq 0
 

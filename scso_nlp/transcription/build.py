@@ -67,6 +67,7 @@ class FrameProgram:
 
     Attributes
     ----------
+    problem : MuscleForceProblem
     layout : Layout
     arrays : mapping of (owner, name) to ndarray, frames first
         Numbers for the data symbols; ``("problem", "dt")`` has one entry less than frames.
@@ -363,12 +364,26 @@ def bounds_of_rows(program: FrameProgram, *, pair: bool) -> tuple[FloatArray, Fl
 
 @dataclass(frozen=True, kw_only=True)
 class Nlp:
-    """A compiled nonlinear program over `n_frames` frames whose numbers are parameters.
+    """A nonlinear program over `n_frames` frames whose numbers are parameters.
 
     Parameters are, in order: values of the affine matrix (frame by frame), frame weights of the
     objective, then the data of every nonlinear piece. The constants of the affine rows stand in the
     row bounds. Rows are, in order: affine rows frame by frame, affine pair rows, then every nonlinear
     piece frame by frame.
+
+    Attributes
+    ----------
+    program : FrameProgram
+    n_frames : int
+    affine : tuple of AffineRows
+        Of one frame; of pairs, if there is more than one frame.
+    nonlinear : tuple of (Piece, ndarray of int)
+        Mapped expressions with their row numbers within a frame or pair.
+    f, g, x, p : ca.MX
+        Objective, rows, unknowns and parameters.
+    data_keys : tuple of (offset, key, is_pair)
+        Where the data parameters come from, in their order.
+    objective_is_quadratic : bool
     """
 
     program: FrameProgram

@@ -16,7 +16,6 @@ from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.frame import Frame, MuscleState, VariableSpec
 from scso_nlp.validation import FloatArray
 
-
 #: All frames, as an index.
 ALL = slice(None)
 
@@ -147,6 +146,7 @@ class FrameSymbols:
 
     Attributes
     ----------
+    layout : Layout
     unknowns : ca.SX, shape (size, 1)
         The solver's unknowns: each is the physical one divided by its scale.
     data : mapping of (owner, name) to ca.SX

@@ -30,6 +30,10 @@ class LocalModel:
 
     Attributes
     ----------
+    program : FrameProgram
+    split : SplitRows
+    unknowns : ndarray, shape (n_frames, n)
+        The point, scaled.
     is_solution : bool
         False at the starting point.
     usable : ndarray of bool, shape (n_frames,)

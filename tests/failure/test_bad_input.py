@@ -216,7 +216,7 @@ def test_a_level_that_is_not_finite_is_refused(level):
         ({"joints": ("elbw",)}, "unknown joint 'elbw' (closest: elbow)"),
         ({"axes": ("w",)}, "unknown axis 'w' (available: x, y, z)"),
         ({"level": {"elbow_q": 1.0}}, "unknown stability row 'elbow_q' (closest: elbow_z)"),
-        ({"q": {"m1": 5.0}}, "q has no entry for m2; add them, or a first entry '*' for all others"),
+        ({"q": {"m1": 5.0}}, "q has no entry for m2; add them, or a first entry '*' for"),
         ({"q": {"*": 5.0, "m7": 3.0}}, "unknown muscle 'm7' (closest: m"),
         ({"q": {"vas*": 5.0}}, "q: the pattern 'vas*' fits no muscle"),
     ],

@@ -1,0 +1,366 @@
+"""Rules of the house: who may import what, what is exported, documented and tested."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from helpers import random_problem
+
+import scso_nlp as scso
+from scso_nlp.constraints.constraint import Constraint
+from scso_nlp.objectives.objective import Objective
+from scso_nlp.transcription.build import describe, evaluate
+
+PACKAGE = Path(scso.__file__).parent
+TESTS = Path(__file__).parent
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+#: Folders whose files may speak CasADi.
+SYMBOLIC = ("muscle_models", "objectives", "constraints", "transcription")
+
+#: The one file that may import OpenSim; it runs in a process of its own.
+WORKER = "scso_nlp.opensim.worker"
+
+#: Parts that work without CasADi, so that they can share a process with OpenSim or start fast.
+WITHOUT_CASADI = (
+    "scso_nlp",
+    "scso_nlp.exceptions",
+    "scso_nlp.validation",
+    "scso_nlp.trajectory",
+    "scso_nlp.muscles",
+    "scso_nlp.stability",
+    "scso_nlp.stability.potvin_brown",
+    "scso_nlp.stability.external_work",
+    "scso_nlp.io",
+    "scso_nlp.io.storage",
+    "scso_nlp.io.bundle",
+    "scso_nlp.opensim.setup_xml",
+    "scso_nlp.opensim.engine",
+    "scso_nlp.examples",
+)
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = [module_name(path) for path in FILES if path.name != "__main__.py"]
+
+
+# Imports ------------------------------------------------------------------------------------------
+
+
+@cache
+def imports(path: Path) -> tuple[str, ...]:
+    """Top-level packages that a file imports when it runs (not for type checkers only)."""
+    found: list[str] = []
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            return
+        if isinstance(node, ast.Import):
+            found.extend(alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found.append(node.module.split(".")[0])
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return tuple(found)
+
+
+def test_only_four_folders_import_casadi():
+    wrong = [
+        str(path.relative_to(PACKAGE))
+        for path in FILES
+        if "casadi" in imports(path) and path.relative_to(PACKAGE).parts[0] not in SYMBOLIC
+    ]
+    assert wrong == []
+
+
+def test_only_the_worker_imports_opensim():
+    assert [module_name(path) for path in FILES if "opensim" in imports(path)] == [WORKER]
+
+
+def test_parts_that_promise_it_do_without_casadi_and_opensim():
+    """In a fresh interpreter, one after the other; the first that brings CasADi in is named."""
+    program = (
+        "import importlib, sys\n"
+        f"for name in {WITHOUT_CASADI!r}:\n"
+        "    importlib.import_module(name)\n"
+        "    for other in ('casadi', 'opensim'):\n"
+        "        assert other not in sys.modules, f'{name} imports {other}'\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_file_subclasses_or_uses_opti():
+    assert [str(path) for path in FILES if re.search(r"\bOpti\b", path.read_text(encoding="utf-8"))] == []
+
+
+def test_no_module_is_called_after_nothing():
+    vague = {"utils", "helpers", "common", "misc"}
+    assert [name for name in MODULES if vague & set(name.split("."))] == []
+
+
+def test_nothing_prints():
+    """Results go to files, words to the log; only the command line speaks to the user."""
+    wrong = []
+    for path in FILES:
+        if path.relative_to(PACKAGE).parts[0] == "cli":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
+                wrong.append(f"{path.relative_to(PACKAGE)}:{node.lineno}")
+    assert wrong == []
+
+
+# Public names -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", scso.__all__)
+def test_every_public_name_is_there_and_documented(name):
+    thing = getattr(scso, name)
+    assert inspect.getdoc(thing), f"{name} has no docstring"
+    assert thing.__module__.startswith("scso_nlp"), f"{name} is not the package's own"
+
+
+def test_public_names_are_the_same_for_type_checkers():
+    """What is imported for type checkers is what is imported on first use."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    block = next(
+        node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    )
+    named = [alias.name for node in block.body for alias in node.names]
+    assert sorted(named) == scso.__all__
+
+
+def test_an_unknown_public_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'Solve'"):
+        scso.Solve  # noqa: B018
+    assert set(scso.__all__) <= set(dir(scso))
+
+
+# Terms --------------------------------------------------------------------------------------------
+
+
+def _import_all() -> None:
+    for name in MODULES:
+        if name != WORKER:
+            importlib.import_module(name)
+
+
+def _concrete(base: type) -> list[type]:
+    """All concrete classes of the package below a base class."""
+    found: dict[str, type] = {}
+    waiting = [base]
+    while waiting:
+        for child in waiting.pop().__subclasses__():
+            waiting.append(child)
+            if not inspect.isabstract(child) and child.__module__.startswith("scso_nlp."):
+                found[child.__name__] = child
+    return [found[name] for name in sorted(found)]
+
+
+_import_all()
+OBJECTIVES, CONSTRAINTS, MODELS = (_concrete(base) for base in (Objective, Constraint, scso.MuscleModel))
+TERMS = OBJECTIVES + CONSTRAINTS + MODELS
+
+
+def test_the_terms_are_found():
+    assert {scso.ActivationEffort, scso.FunctionObjective} <= set(OBJECTIVES)
+    assert {scso.MomentEquilibrium, scso.JointStability} <= set(CONSTRAINTS)
+    assert {scso.NoPhysiology, scso.RigidTendon} <= set(MODELS)
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
+def test_every_term_is_exported_by_its_folder_and_by_the_package(term):
+    folder = ".".join(term.__module__.split(".")[:2])
+    assert getattr(importlib.import_module(folder), term.__name__, None) is term
+    assert term.__name__ in scso.__all__, f"add {term.__name__} to scso_nlp/__init__.py"
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
+def test_every_term_has_a_test_file_of_its_own(term):
+    _, folder, module = term.__module__.split(".")
+    file = TESTS / folder / f"test_{module}.py"
+    assert file.is_file(), f"{term.__name__} has no tests/{folder}/test_{module}.py"
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
+def test_every_term_is_frozen_and_takes_names_only(term):
+    assert dataclasses.is_dataclass(term)
+    assert term.__dataclass_params__.frozen
+    assert all(field.kw_only for field in dataclasses.fields(term))
+
+
+@pytest.mark.parametrize("term", OBJECTIVES, ids=lambda term: term.__name__)
+def test_every_objective_says_the_unit_of_its_weight_and_what_it_depends_on(term):
+    first = inspect.getdoc(term).split("\n\n")[0]
+    assert re.search(r"weight \[.+?\]", first, re.DOTALL)
+    assert "depends on: " in first
+
+
+@pytest.mark.parametrize("term", CONSTRAINTS, ids=lambda term: term.__name__)
+def test_every_constraint_says_what_it_depends_on(term):
+    assert re.search(r"depends on: (one frame|two frames)", inspect.getdoc(term).split("\n\n")[0])
+
+
+@pytest.mark.parametrize(
+    "base", [scso.FrameObjective, scso.FramePairObjective, scso.FrameConstraint, scso.FramePairConstraint]
+)
+def test_a_term_that_forgets_its_mathematics_cannot_be_made(base):
+    with pytest.raises(TypeError, match="abstract"):
+        type("Forgetful", (base,), {})()
+
+
+#: How to make terms that need arguments.
+EXAMPLES = {"FunctionObjective": {"function": lambda frame: ca.sumsqr(frame.activation)}}
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
+def test_every_term_has_finite_values_and_derivatives_inside_its_bounds(term):
+    rng = np.random.default_rng(12)
+    problem = _with_curvature(random_problem(rng, n_frames=3, n_muscles=6, reserve=5.0), rng)
+    example = term(**EXAMPLES.get(term.__name__, {}))
+    if term in MODELS:
+        problem = dataclasses.replace(problem, muscle_model=example)
+    elif term in OBJECTIVES:
+        problem = dataclasses.replace(problem, objectives=(example,))
+    else:
+        problem = dataclasses.replace(problem, constraints=(example,))
+    program = describe(problem)
+    pieces = [piece for _, piece in program.objectives] + [*program.rows, program.tendon_force]
+    lower, upper = (np.clip(program.layout.rows(what, 3), -1.0, 1.0) for what in ("lower", "upper"))
+    x = (lower + rng.uniform(0.2, 0.8, lower.shape) * (upper - lower)) / program.layout.scale
+    for piece in pieces:
+        unknowns = ca.vertcat(*piece.unknowns)
+        multipliers = ca.DM(rng.normal(size=piece.expression.numel()))
+        function = piece.function(
+            ca.densify(piece.expression),
+            ca.densify(ca.jacobian(piece.expression, unknowns)),
+            ca.densify(ca.hessian(ca.dot(multipliers, ca.vec(piece.expression)), unknowns)[0]),
+        )
+        for values in evaluate(piece, function, x, program.arrays):
+            assert np.isfinite(values).all()
+
+
+def _with_curvature(problem, rng):
+    """The problem with random path curvature of its coordinates, for constraints that ask for it."""
+    from scso_nlp.trajectory import CoordinateCurvature
+
+    trajectory = problem.trajectory
+    n_frames, n, n_muscles = trajectory.moment_arms.shape
+    curvature = rng.normal(0, 0.02, (n_frames, n, n, n_muscles))
+    given = CoordinateCurvature(
+        coordinates=trajectory.coordinates,
+        path_curvature=curvature + curvature.transpose(0, 2, 1, 3),
+        load_stiffness=np.zeros((n_frames, n, n)),
+        passive_stiffness=np.zeros((n_frames, n, n)),
+        asymmetry=np.zeros((n_frames, n_muscles)),
+        is_uncertain=np.zeros((n_frames, n_muscles), dtype=bool),
+    )
+    return dataclasses.replace(problem, trajectory=dataclasses.replace(trajectory, curvature=given))
+
+
+# Docstrings ---------------------------------------------------------------------------------------
+
+
+def _own(module: str) -> list[tuple[str, object]]:
+    """Public functions, classes and methods that a module defines."""
+    loaded = importlib.import_module(module)
+    found: list[tuple[str, object]] = []
+    for name, thing in vars(loaded).items():
+        if name.startswith("_") or getattr(thing, "__module__", None) != module:
+            continue
+        if inspect.isfunction(thing):
+            found.append((f"{module}.{name}", thing))
+        elif inspect.isclass(thing):
+            found.append((f"{module}.{name}", thing))
+            found += [
+                (f"{module}.{name}.{key}", method)
+                for key, method in vars(thing).items()
+                if inspect.isfunction(method) and not key.startswith("_")
+            ]
+    return found
+
+
+THINGS = [
+    (name, thing)
+    for module in MODULES
+    # Commands of the command line are documented by their options' help texts.
+    if module != WORKER and not module.startswith("scso_nlp.cli")
+    for name, thing in _own(module)
+]
+FUNCTIONS = [(name, thing) for name, thing in THINGS if inspect.isfunction(thing)]
+DATA = [(name, thing) for name, thing in THINGS if dataclasses.is_dataclass(thing)]
+
+
+def _section(doc: str, title: str) -> list[str] | None:
+    """Names listed in a numpydoc section, or None where the section is missing."""
+    lines = inspect.cleandoc(doc).splitlines()
+    for at in range(len(lines) - 1):
+        if lines[at].strip() == title and set(lines[at + 1].strip()) == {"-"}:
+            break
+    else:
+        return None
+    names: list[str] = []
+    for k in range(at + 2, len(lines)):
+        line = lines[k]
+        if k + 1 < len(lines) and lines[k + 1].strip() and set(lines[k + 1].strip()) == {"-"}:
+            break
+        if line and not line[0].isspace():
+            listed = line.split(" : ")[0].strip()
+            names += [name.strip().lstrip("*") for name in listed.split(",")]
+    return names
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name != WORKER])
+def test_every_module_class_and_function_is_documented(module):
+    assert importlib.import_module(module).__doc__
+    missing = [name for name, thing in _own(module) if not inspect.getdoc(thing)]
+    assert missing == []
+
+
+@pytest.mark.parametrize(("name", "function"), FUNCTIONS, ids=[name for name, _ in FUNCTIONS])
+def test_documented_parameters_are_those_of_the_signature(name, function):
+    documented = _section(function.__doc__ or "", "Parameters")
+    actual = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
+    if documented is None:
+        # One line is enough where names and annotations say it all: methods, small functions, and inside
+        # the transcription, which no user calls.
+        short = len(actual) <= 3 or "." in function.__qualname__ or ".transcription." in name
+        assert short, f"{name} has no Parameters section"
+    else:
+        assert documented == actual
+
+
+@pytest.mark.parametrize(("name", "data"), DATA, ids=[name for name, _ in DATA])
+def test_documented_attributes_are_the_fields_of_the_class(name, data):
+    documented = _section(data.__doc__ or "", "Attributes")
+    inherited = {
+        f.name
+        for base in data.__mro__[1:]
+        if dataclasses.is_dataclass(base)
+        for f in dataclasses.fields(base)
+    }
+    fields = [field.name for field in dataclasses.fields(data)]
+    if documented is None:
+        # Small data whose field names say it all, or fields that a base class documents.
+        assert len(set(fields) - inherited) <= 8, f"{name} has no Attributes section"
+    else:
+        own = [field for field in fields if field not in inherited or field in documented]
+        assert sorted(documented) == sorted(own)
