@@ -18,6 +18,8 @@ from scso_nlp.exceptions import DataError
 
 #: Folder with local copies of the data sets, one folder each.
 LOCAL_COPY = "SCSO_DATA"
+#: Folder that keeps what OpenSim has computed from the motions, so that it need not run twice.
+MOTION_CACHE = "SCSO_CACHE"
 #: Where the pinned files are, unless told otherwise.
 BASE_URL = "https://raw.githubusercontent.com"
 #: How long a server may stay silent [s].
@@ -186,6 +188,18 @@ def fetch(data: DataSet, *, cache: str | os.PathLike[str] | None = None, base_ur
     finally:
         talkative.setLevel(level)
     return folder
+
+
+def motion_cache() -> Path | None:
+    """Find the folder that keeps extracted motions, for the `cache` of :func:`scso_nlp.load_motion`.
+
+    Returns
+    -------
+    Path or None
+        What the environment variable ``SCSO_CACHE`` names; None without it.
+    """
+    folder = os.environ.get(MOTION_CACHE)
+    return Path(folder) if folder else None
 
 
 def _download(url: str, output_file: str, _: object) -> None:

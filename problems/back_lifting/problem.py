@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from problems.fetch import BACK_LIFTING, fetch
+from problems.fetch import BACK_LIFTING, fetch, motion_cache
 from scso_nlp import (
     ActuatorParameters,
     JointStability,
@@ -81,6 +81,7 @@ def make_problem(trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 
         step_interval=step_interval,
         stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
         name=trial,
+        cache=motion_cache(),
     )
     rows = np.searchsorted(moments.time, trajectory.time - 1e-3)
     if np.abs(moments.time[rows] - trajectory.time).max() > 1e-3:

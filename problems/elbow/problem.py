@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.fetch import motion_cache
 from scso_nlp import MuscleForceProblem, NoPhysiology, static_optimization
 from scso_nlp.examples import example_folder
 from scso_nlp.opensim.engine import load_motion
@@ -25,7 +26,7 @@ def make_problem(exponent: float = 2.0) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
-    trajectory, muscles, actuators = load_motion(example_folder("elbow") / "setup.xml")
+    trajectory, muscles, actuators = load_motion(example_folder("elbow") / "setup.xml", cache=motion_cache())
     return static_optimization(trajectory, muscles, actuators, muscle_model=NoPhysiology(), exponent=exponent)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from problems.fetch import GAIT10DOF18MUSC, fetch
+from problems.fetch import GAIT10DOF18MUSC, fetch, motion_cache
 from scso_nlp import JointStability, MuscleForceProblem, stability_constrained_static_optimization
 from scso_nlp.opensim.engine import load_motion
 
@@ -44,6 +44,7 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         step_interval=step_interval,
         stability_axes=tuple((joint, "z") for joint in JOINTS),
         name="gait_lower_limb",
+        cache=motion_cache(),
     )
     stability = JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT)
     return stability_constrained_static_optimization(trajectory, muscles, actuators, stability=stability)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from problems.fetch import motion_cache
 from scso_nlp import (
     JointStability,
     MuscleForceProblem,
@@ -30,7 +31,9 @@ def make_problem(q: float = 5.0, level: float = 0.0) -> MuscleForceProblem:
     MuscleForceProblem
         Without stability rows: ``make_problem().without_stability()``.
     """
-    trajectory, muscles, actuators = load_motion(example_folder("spine-postures") / "setup.xml")
+    trajectory, muscles, actuators = load_motion(
+        example_folder("spine-postures") / "setup.xml", cache=motion_cache()
+    )
     return stability_constrained_static_optimization(
         trajectory,
         muscles,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from problems.fetch import WALKING3D, fetch
+from problems.fetch import WALKING3D, fetch, motion_cache
 from scso_nlp import JointStability, MuscleForceProblem, stability_constrained_static_optimization
 from scso_nlp.opensim.engine import load_motion
 
@@ -51,6 +51,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         step_interval=step_interval,
         stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
         name="walking_3d",
+        cache=motion_cache(),
     )
     stability = JointStability(q=q, joints=JOINTS, soft=SOFT)
     return stability_constrained_static_optimization(trajectory, muscles, actuators, stability=stability)

@@ -64,7 +64,6 @@ def compare(
             peak_emg=peak_emg,
             emg_offset=emg_offset,
         )
-        typer.echo(format_comparison(comparison))
         if output is not None:
             try:
                 output.mkdir(parents=True, exist_ok=True)
@@ -72,6 +71,9 @@ def compare(
                 raise DataError(f"{output} cannot be made: {error.strerror or error}") from None
             write_comparison_csv(comparison, output / "comparison.csv")
             _write_figures(comparison, output)
+        # files first: a reader such as `head` may close the output early
+        typer.echo(format_comparison(comparison))
+        if output is not None:
             typer.echo(f"\ntable and figures in {output}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ BAD_INPUT = 2
 BUG = 3
 #: Stopped by the user, as shells have it.
 INTERRUPTED = 130
+#: Nobody reads the output any more, e.g. after ``| head``, as shells have it.
+CLOSED_PIPE = 141
 
 
 @contextmanager
@@ -39,6 +42,11 @@ def exit_codes(verbose: bool) -> Iterator[None]:
     except KeyboardInterrupt:
         typer.echo("stopped", err=True)
         raise typer.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        # what is still buffered would fail again when Python ends
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        raise typer.Exit(CLOSED_PIPE) from None
     except (typer.Exit, typer.Abort):
         raise
     except Exception:

@@ -366,6 +366,7 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
             "initial_time": trajectory.time[0],
             "final_time": trajectory.time[-1],
             "muscles": len(trajectory.muscles),
+            "muscle_names": list(trajectory.muscles),
             "actuators": len(trajectory.actuators),
             "coordinates": list(trajectory.coordinates),
             "muscle_model": repr(problem.muscle_model),

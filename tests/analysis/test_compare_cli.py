@@ -1,6 +1,8 @@
 """The two commands from result folders on disk to text, files and exit codes."""
 
-import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -39,10 +41,6 @@ def runs(tmp_path):
     for label, stability, tonus in (("so", False, 0.0), ("scso", True, 0.05)):
         solution = solution_by_hand(21, stability=stability, tonus=tonus)
         write_solution(solution, tmp_path / label, figures=False)
-        path = tmp_path / label / "report.json"
-        content = json.loads(path.read_text())
-        content["problem"].setdefault("muscle_names", list(solution.problem.trajectory.muscles))
-        path.write_text(json.dumps(content))
     time = np.arange(-100, 1200) / 1000
     rows = "\n".join(f"{t:.3f},{0.1 + 0.05 * np.sin(6 * t):.6f}" for t in time)
     (tmp_path / "emg.csv").write_text(f"time,ch1\n{rows}\n")
@@ -95,3 +93,19 @@ def test_what_cannot_be_used_ends_with_code_2_and_one_sentence(runs, arguments, 
     assert found.exit_code == 2, found.output
     assert found.output.splitlines()[-1].startswith("error: ")
     assert message in found.output
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes as POSIX has them")
+def test_a_reader_that_closes_the_pipe_is_no_bug_and_the_files_are_written(runs):
+    command = [sys.executable, "-m", "scso_nlp.cli", "compare", "so", "scso", "--output", "out"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            command, cwd=runs, stdout=writer, stderr=subprocess.PIPE, text=True, check=False
+        )
+    finally:
+        os.close(writer)
+    # 128 + SIGPIPE, what a shell says of a program that ends this way
+    assert (done.returncode, done.stderr) == (141, "")
+    assert (runs / "out" / "comparison.csv").is_file()

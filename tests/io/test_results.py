@@ -219,6 +219,7 @@ def test_the_report_is_strict_json_with_what_is_needed_to_reproduce(tmp_path):
     assert report["versions"]["casadi"] == "3.8.2"
     assert report["solver"]["options"] == {"tolerance": 1e-6, "max_iterations": 500}
     assert report["seconds"] == {"extraction": 1.5, "build": 0.1, "solve": 0.2}
+    assert report["problem"]["muscle_names"] == list(solution.problem.trajectory.muscles)
     assert report["frame_status"] == ["SOLVED", "INFEASIBLE", "SOLVED", "SOLVED", "SOLVED"]
     assert report["status_counts"] == {"SOLVED": 4, "INFEASIBLE": 1}
     assert report["shortfalls"][0]["row"] == "hinge_0"
