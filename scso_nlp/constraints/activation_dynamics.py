@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.constraints.constraint import FramePairConstraint
+from scso_nlp.exceptions import DataError
 from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
 
 if TYPE_CHECKING:
+    from scso_nlp.muscles import MuscleParameters
     from scso_nlp.problem import MuscleForceProblem
 
 #: How sharply the time constant changes between activation and deactivation [-]. De Groote et al. (2016).
@@ -46,14 +48,57 @@ def activation_rate(
     return rate * (excitation - activation)
 
 
+def time_constants(muscles: MuscleParameters, term: str) -> tuple[ca.DM, ca.DM]:
+    """Time constants of activation and deactivation, columns of shape (n_muscles, 1) [s].
+
+    Parameters
+    ----------
+    muscles : MuscleParameters
+    term : str
+        Who asks, for the message.
+
+    Returns
+    -------
+    DM, DM
+        In the model's order.
+
+    Raises
+    ------
+    DataError
+        A muscle whose class has no activation dynamics, or a constant that is not positive.
+    """
+    for name in ("activation_time_constant", "deactivation_time_constant"):
+        values = getattr(muscles, name)
+        wrong = np.flatnonzero(values <= 0)
+        if wrong.size:
+            m = int(wrong[0])
+            raise DataError(
+                f"{name} of {muscles.muscles[m]!r} ({muscles.muscle_class[m]}) is {values[m]:g} s, "
+                f"{term} needs a positive time"
+            )
+    return ca.DM(muscles.activation_time_constant), ca.DM(muscles.deactivation_time_constant)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ActivationDynamics(FramePairConstraint):
     r"""Activation follows excitation by first-order dynamics.   depends on: two frames.
 
     .. math:: a_{k+1} - a_k = \tfrac{\Delta t}{2} \left(\dot a(e_k, a_k) + \dot a(e_{k+1}, a_{k+1})\right)
 
-    Excitations, between 0 and 1, are unknowns: ``solution.variables["ActivationDynamics.excitation"]``.
-    Time constants are the model's. The trapezoidal rule is of second order in the time step.
+    Excitations e are unknowns within the model's bounds of control (``min_activation`` and
+    ``max_activation``): ``solution.variables["ActivationDynamics.excitation"]``. Time constants are the
+    model's.
+
+    Raises
+    ------
+    DataError
+        A time constant that is not positive.
+
+    Notes
+    -----
+    The trapezoidal rule is of second order in the time step. Nothing costs or damps the excitations
+    themselves, and one frame more than there are rows has them: where activations do not touch a bound, the
+    excitations of neighbouring frames may alternate about the smooth course. Activations do not.
 
     References
     ----------
@@ -63,20 +108,16 @@ class ActivationDynamics(FramePairConstraint):
     def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
         """Name the excitations."""
         names = tuple(f"{name}_excitation" for name in problem.muscles.muscles)
-        guess = np.clip(0.1, problem.muscles.min_activation, problem.muscles.max_activation)
-        return (VariableSpec(name="excitation", labels=names, lower=0.0, upper=1.0, guess=guess),)
+        lower, upper = problem.muscles.min_activation, problem.muscles.max_activation
+        guess = np.clip(0.1, lower, upper)
+        return (VariableSpec(name="excitation", labels=names, lower=lower, upper=upper, guess=guess),)
 
     def rows(self, previous: Frame, current: Frame, dt: ca.SX, problem: MuscleForceProblem) -> Rows:
         """One row per muscle: step of activation minus the integrated rate [-]."""
-        constants = (
-            ca.DM(problem.muscles.activation_time_constant),
-            ca.DM(problem.muscles.deactivation_time_constant),
-        )
+        constants = time_constants(problem.muscles, self.name)
         rates = [
             activation_rate(frame.variables["excitation"], frame.activation, *constants)
             for frame in (previous, current)
         ]
         step = current.activation - previous.activation - 0.5 * dt * (rates[0] + rates[1])
-        return Rows(
-            value=step, lower=0.0, upper=0.0, names=problem.muscles.muscles, unit="-", scale=1e-2
-        )
+        return Rows(value=step, lower=0.0, upper=0.0, names=problem.muscles.muscles, unit="-", scale=1e-2)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.exceptions import ProblemError
 from scso_nlp.transcription.frame import Frame, Rows
+from scso_nlp.validation import FloatArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
+
+_LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,18 +29,56 @@ class MomentEquilibrium(FrameConstraint):
     with moment arms R, tendon forces F, generalized forces per unit control A, controls c and
     generalized forces M.
 
+    Attributes
+    ----------
+    passive_elements : "taken_off" or "left_in"
+        What becomes of the generalized forces of the model's passive elements (springs, bushings,
+        ligaments, coordinate limits). ``"taken_off"``: they carry their share, and muscles and actuators
+        the rest, as in OpenSim. ``"left_in"``: muscles and actuators carry their share too, as if the
+        model had no such elements.
+
+    Notes
+    -----
+    Passive forces of muscle fibers are the muscle model's business.
+
     References
     ----------
     Akhavanfar et al. (2019), eq. 1.
     """
+
+    passive_elements: Literal["taken_off", "left_in"] = "taken_off"
+
+    def __post_init__(self) -> None:
+        if self.passive_elements not in ("taken_off", "left_in"):
+            raise ProblemError(
+                f"passive_elements is {self.passive_elements!r}, expected 'taken_off' or 'left_in'"
+            )
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Give the passive elements' share [N·m or N] if muscles are to carry it."""
+        trajectory = problem.trajectory
+        passive = trajectory.passive_generalized_forces
+        if passive.any():
+            _, c = np.unravel_index(np.abs(passive).argmax(), passive.shape)
+            _LOG.info(
+                "generalized forces of passive elements are %s the moment equilibrium (up to %.3g %s, %s)",
+                {"taken_off": "taken off", "left_in": "left in"}[self.passive_elements],
+                np.abs(passive).max(),
+                "N·m" if trajectory.is_rotational[c] else "N",
+                trajectory.coordinates[c],
+            )
+        return {} if self.passive_elements == "taken_off" else {"passive": passive}
 
     def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
         """One row per free coordinate, in N·m (rotation) or N (translation)."""
         produced = frame.moment_arms @ frame.muscle.tendon_force
         if frame.control.numel():
             produced += frame.actuator_generalized_forces @ frame.control
+        target = frame.generalized_forces
+        if self.passive_elements == "left_in":
+            target = target + frame.data["passive"]
         return Rows(
-            value=produced - frame.generalized_forces,
+            value=produced - target,
             lower=0.0,
             upper=0.0,
             names=problem.trajectory.coordinates,

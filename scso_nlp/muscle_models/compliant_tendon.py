@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
-from scso_nlp.muscle_models.hill_muscle import equilibrium_residual, solve_equilibrium, tendon_force
+from scso_nlp.muscle_models.curves import on_arrays
+from scso_nlp.muscle_models.hill_muscle import (
+    equilibrium_residual,
+    repeat_over_frames,
+    solve_equilibrium,
+    tendon_force,
+)
 from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import fiber_length_of, fiber_width
+from scso_nlp.muscle_models.rigid_tendon import rigid_fiber_data, rigid_fiber_state
+from scso_nlp.muscles import MuscleParameters
 from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
@@ -29,6 +37,12 @@ _GUESS_ACTIVATION = 0.1
 #: A fiber along the tendon is never shorter than this share of its optimal length [-].
 _LEAST_FIBER = 0.02
 
+#: A meaningful residual of the equilibrium, over F0 [-]; the solver leaves less than 1e-6 of it.
+_RESIDUAL = 1e-2
+
+#: Least activation at which equilibrium is looked for: Thelen's force-velocity curve has none at zero [-].
+_LEAST_ACTIVATION = 1e-6
+
 
 @dataclass(frozen=True, kw_only=True)
 class CompliantTendon(MuscleModel):
@@ -37,19 +51,30 @@ class CompliantTendon(MuscleModel):
     .. math:: F_0\left(a f_L f_V + f_P + \beta\tilde v\right)\cos\alpha
               = F_0 f_T\left((\ell^{MT} - \ell^M\cos\alpha)/\ell_s^T\right)
 
-    The unknown is the fiber length along the tendon, :math:`\ell^M\cos\alpha`.
+    The unknown is the fiber length along the tendon, :math:`\ell^M\cos\alpha`. Muscles of a class without
+    an elastic tendon, or with ``ignore_tendon_compliance``, have a rigid tendon and no unknown.
 
     Attributes
     ----------
     fiber_velocity : "zero" or "from_path"
         ``"zero"``: static fibers. ``"from_path"``: the tendon keeps its length in time, so the fiber
         takes the whole velocity of the path.
+    short_fibers : "refuse" or "silence"
+        What to do in frames in which a muscle has no equilibrium at any activation, because its path is
+        too short or its fiber outpulls the tendon at its shortest length or pushes. ``"silence"`` holds
+        the fiber at its shortest length, where the tendon has a force that does not depend on activation
+        (as a rule none), and logs the muscle's name.
 
     Raises
     ------
     DataError
-        A muscle class without curves or without an elastic tendon, a constant without meaning, or a
-        path that is shorter than its shortest fiber.
+        A muscle class without curves, a constant without meaning, or a muscle without equilibrium.
+
+    Notes
+    -----
+    A muscle that has an equilibrium only up to some activation (the fiber reaches its shortest length) or
+    only from some activation on (damping slackens the tendon of a fiber that shortens) is held to those
+    activations; the log names the latter.
 
     References
     ----------
@@ -57,69 +82,99 @@ class CompliantTendon(MuscleModel):
     """
 
     fiber_velocity: Literal["zero", "from_path"] = "zero"
+    short_fibers: Literal["refuse", "silence"] = "refuse"
 
     def __post_init__(self) -> None:
-        if self.fiber_velocity not in ("zero", "from_path"):
-            raise ProblemError(f"fiber_velocity is {self.fiber_velocity!r}, expected 'zero' or 'from_path'")
+        choices = {"fiber_velocity": ("zero", "from_path"), "short_fibers": ("refuse", "silence")}
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                raise ProblemError(
+                    f"{name} is {getattr(self, name)!r}, expected {allowed[0]!r} or {allowed[1]!r}"
+                )
 
     def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
         """Name the fiber lengths along the tendon [m], with their bounds and the starting point."""
-        trajectory, muscles = problem.trajectory, problem.muscles
-        length = trajectory.muscle_tendon_length
-        lower = np.zeros(muscles.n_muscles)
-        guess = np.zeros(length.shape)
-        for group in _elastic_groups(problem):
+        split = _split(problem.muscles)
+        if not split.elastic:
+            return ()
+        names, optimal = problem.muscles.muscles, problem.muscles.optimal_fiber_length
+        length = problem.trajectory.muscle_tendon_length
+        lower, guess, at_rest = np.zeros(length.shape), np.zeros(length.shape), np.zeros(length.shape, bool)
+        for group in split.elastic:
             where = group.positions
-            shortest = ca.DM(group.muscle.curves.min_fiber_length(group.muscle)).full().ravel()
-            width = ca.DM(fiber_width(group.muscle)).full().ravel()
-            bound = np.sqrt(np.maximum(shortest**2 - width**2, 0.0))
-            lower[where] = np.maximum(bound, _LEAST_FIBER * muscles.optimal_fiber_length[where])
-            at_rest = solve_equilibrium(
+            resting = self._resting(group, problem)
+            at_rest[:, where] = resting
+            lower[:, where] = _shortest_along_tendon(group)
+            guess[:, where] = solve_equilibrium(
                 group.muscle,
-                np.full(length[:, where].shape, _GUESS_ACTIVATION),
+                np.full(resting.shape, _GUESS_ACTIVATION),
                 length[:, where],
                 self._velocity(problem)[:, where],
-            )
-            guess[:, where] = at_rest.fiber_length_along_tendon
-        too_short = length <= lower
-        if too_short.any():
-            frame, m = (int(i) for i in np.argwhere(too_short)[0])
-            raise DataError(
-                f"the path of {muscles.muscles[m]!r} is {length[frame, m]:g} m long at t = "
-                f"{trajectory.time[frame]:g} s, shorter than its shortest fiber of {lower[m]:g} m"
-            )
-        guess = np.clip(guess, lower * (1 + 1e-6), length)
+            ).fiber_length_along_tendon
+        upper = np.where(at_rest, np.maximum(length, 2 * lower), length)
+        guess = np.where(at_rest, lower, np.clip(guess, lower * (1 + 1e-6), np.maximum(length, lower * 1.1)))
+        lower = np.where(at_rest, 0.5 * lower, lower)  # a row holds a resting fiber, not its bound
+        where = split.positions
         return (
             VariableSpec(
                 name="fiber_length_along_tendon",
-                labels=tuple(f"{name}_fiber" for name in muscles.muscles),
-                lower=np.broadcast_to(lower, length.shape),
-                upper=length,
-                guess=guess,
-                scale=muscles.optimal_fiber_length,
+                labels=tuple(f"{names[m]}_fiber" for m in where),
+                lower=lower[:, where],
+                upper=upper[:, where],
+                guess=guess[:, where],
+                scale=optimal[where],
             ),
         )
 
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
-        """Give the velocity that the fibers are to have, along the path, shape (n_frames, n_muscles) [m/s]."""
-        return {"velocity": self._velocity(problem)}
+        """Give what is known of the fibers beforehand, each of shape (n_frames, n_muscles).
 
-    def _velocity(self, problem: MuscleForceProblem) -> FloatArray:
-        velocity = problem.trajectory.muscle_tendon_velocity
-        return np.zeros(velocity.shape) if self.fiber_velocity == "zero" else velocity
+        ``velocity`` of the paths [m/s] that the fibers are to have; ``is_free`` [-], 0 where the fiber
+        rests at its shortest length, and ``resting_force`` [N] there; for rigid tendons what
+        :func:`rigid_fiber_data` gives.
+        """
+        split, velocity = _split(problem.muscles), self._velocity(problem)
+        data = {"velocity": velocity}
+        if split.rigid:
+            data |= rigid_fiber_data(problem, split.rigid, velocity, short_fibers=self.short_fibers)
+        is_free, resting_force = np.ones(velocity.shape), np.zeros(velocity.shape)
+        for group in split.elastic:
+            where = group.positions
+            rests = self._resting(group, problem, say=True)
+            is_free[:, where] = ~rests
+            columns = repeat_over_frames(group.muscle, len(velocity))
+            force = on_arrays(
+                lambda q, length, columns=columns: tendon_force(columns, q, length),
+                np.broadcast_to(_shortest_along_tendon(group), rests.shape),
+                problem.trajectory.muscle_tendon_length[:, where],
+            )
+            resting_force[:, where] = np.where(rests, np.maximum(force, 0.0), 0.0)
+        if (is_free == 0).any():
+            data |= {"is_free": is_free, "resting_force": resting_force}
+        return data
 
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon force and fiber length of one frame."""
-        n = problem.muscles.n_muscles
+        split, n = _split(problem.muscles), problem.muscles.n_muscles
         force, passive, fiber_length, cosine = (ca.SX(n, 1) for _ in range(4))
-        for group in _elastic_groups(problem):
+        if split.rigid:
+            rigid = rigid_fiber_state(frame, split.rigid)
+            for group in split.rigid:
+                where = group.positions.tolist()
+                force[where], passive[where] = rigid.tendon_force[where], rigid.passive_force[where]
+                fiber_length[where] = frame.data["fiber_length"][where]
+                cosine[where] = frame.data["cos_pennation_angle"][where]
+        for group in split.elastic:
             where = group.positions.tolist()
             muscle, curves = group.muscle, group.muscle.curves
-            q = frame.variables["fiber_length_along_tendon"][where]
+            q = frame.variables["fiber_length_along_tendon"][split.unknowns_of(group)]
             fiber = fiber_length_of(q, fiber_width(muscle))
             fiber_length[where] = fiber
             cosine[where] = q / fiber
-            force[where] = tendon_force(muscle, q, frame.muscle_tendon_length[where])
+            pull = tendon_force(muscle, q, frame.muscle_tendon_length[where])
+            if "is_free" in frame.data:
+                pull = frame.data["is_free"][where] * pull + frame.data["resting_force"][where]
+            force[where] = pull
             passive[where] = (
                 muscle.max_isometric_force
                 * curves.passive_force_length(fiber / muscle.optimal_fiber_length, muscle.curve_parameters)
@@ -130,28 +185,150 @@ class CompliantTendon(MuscleModel):
             tendon_force=force, passive_force=passive, fiber_length=fiber_length, cos_pennation_angle=cosine
         )
 
-    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
-        """One row per muscle: fiber force along the tendon minus tendon force, over F0."""
+    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows | None:
+        """One row per elastic tendon: fiber force along the tendon minus tendon force, over F0."""
+        split = _split(problem.muscles)
+        if not split.elastic:
+            return None
         residual = ca.SX(problem.muscles.n_muscles, 1)
-        for group in _elastic_groups(problem):
+        for group in split.elastic:
             where = group.positions.tolist()
-            residual[where] = equilibrium_residual(
+            q = frame.variables["fiber_length_along_tendon"][split.unknowns_of(group)]
+            value = equilibrium_residual(
                 group.muscle,
-                frame.variables["fiber_length_along_tendon"][where],
+                q,
                 frame.activation[where],
                 frame.muscle_tendon_length[where],
                 frame.data["velocity"][where],
             )
-        return Rows(value=residual, lower=0.0, upper=0.0, names=problem.muscles.muscles, unit="F0", scale=1.0)
+            if "is_free" in frame.data:
+                is_free = frame.data["is_free"][where]
+                shortest = ca.DM(_shortest_along_tendon(group))
+                value = is_free * value + (1 - is_free) * (q / shortest - 1)
+            residual[where] = value
+        names = problem.muscles.muscles
+        return Rows(
+            value=residual[split.positions.tolist()],
+            lower=0.0,
+            upper=0.0,
+            names=[names[m] for m in split.positions],
+            unit="F0",
+            scale=_RESIDUAL,
+        )
+
+    def _velocity(self, problem: MuscleForceProblem) -> FloatArray:
+        velocity = problem.trajectory.muscle_tendon_velocity
+        return np.zeros(velocity.shape) if self.fiber_velocity == "zero" else velocity
+
+    def _resting(self, group: MuscleGroup, problem: MuscleForceProblem, *, say: bool = False) -> BoolArray:
+        """Tell where no activation has an equilibrium, shape (n_frames, n_group); refuse it if asked to."""
+        muscles, where = problem.muscles, group.positions
+        length = problem.trajectory.muscle_tendon_length[:, where]
+        velocity = self._velocity(problem)[:, where]
+        columns = repeat_over_frames(group.muscle, len(length))
+        least, most = (
+            np.broadcast_to(np.maximum(bound[where], _LEAST_ACTIVATION), length.shape)
+            for bound in (muscles.min_activation, muscles.max_activation)
+        )
+        pull = on_arrays(
+            lambda q, a, ell, v: equilibrium_residual(columns, q, a, ell, v),
+            np.broadcast_to(_shortest_along_tendon(group), length.shape),
+            least,
+            length,
+            velocity,
+        )
+        too_short = pull >= 0.0
+        is_slack = np.zeros(length.shape, dtype=bool)
+        if self.fiber_velocity == "from_path":
+            is_slack = solve_equilibrium(group.muscle, most, length, velocity).is_slack
+        for found, why in (
+            (too_short, "its path is too short: even at its shortest length the fiber outpulls the tendon"),
+            (is_slack, "its fiber shortens so fast that it pushes, and the tendon is slack"),
+        ):
+            if found.any():
+                frame, m = (int(i) for i in np.argwhere(found)[0])
+                names = [muscles.muscles[where[i]] for i in np.flatnonzero(found.any(axis=0))]
+                text = (
+                    f"{muscles.muscles[where[m]]!r} has no equilibrium at t = "
+                    f"{problem.trajectory.time[frame]:g} s at any activation, because {why} "
+                    f"(muscles: {', '.join(names)})"
+                )
+                if self.short_fibers == "refuse":
+                    raise DataError(f"{text}; check tendon_slack_length, or choose short_fibers='silence'")
+                if say:
+                    _LOG.warning("%s; they have the force of the tendon there", text)
+        rests: BoolArray = too_short | is_slack
+        if say and self.fiber_velocity == "from_path":
+            slack_at_rest = solve_equilibrium(group.muscle, least, length, velocity).is_slack & ~rests
+            if slack_at_rest.any():
+                names = [muscles.muscles[where[i]] for i in np.flatnonzero(slack_at_rest.any(axis=0))]
+                _LOG.warning(
+                    "the tendons of %s are slack at the least activation in some frames, because damping "
+                    "pushes while the fiber shortens; their activations are held to what keeps them taut",
+                    ", ".join(names),
+                )
+        return rests
 
 
-def _elastic_groups(problem: MuscleForceProblem) -> tuple[MuscleGroup, ...]:
-    groups = muscle_groups(problem.muscles)
-    for group in groups:
-        if not group.muscle.curves.HAS_ELASTIC_TENDON:
-            name = problem.muscles.muscles[group.positions[0]]
-            raise DataError(
-                f"muscle {name!r} is a {group.muscle.curves.OPENSIM_CLASS}, which has no elastic tendon; "
-                "use RigidTendon"
-            )
-    return groups
+class _Split(NamedTuple):
+    """The muscles of a model by how their tendons are modelled."""
+
+    elastic: tuple[MuscleGroup, ...]
+    rigid: tuple[MuscleGroup, ...]
+    positions: IntArray  #: of the muscles with elastic tendons, in the model's order
+
+    def unknowns_of(self, group: MuscleGroup) -> list[int]:
+        """Where the fibers of an elastic group stand among the unknowns."""
+        return [int(i) for i in np.searchsorted(self.positions, group.positions)]
+
+
+def _split(parameters: MuscleParameters) -> _Split:
+    elastic: list[MuscleGroup] = []
+    rigid: list[MuscleGroup] = []
+    for group in muscle_groups(parameters):
+        ignored = np.array(
+            [
+                bool(parameters.curve_parameters[m].get("ignore_tendon_compliance", 0.0))
+                for m in group.positions
+            ]
+        )
+        is_rigid = ignored | (not group.muscle.curves.HAS_ELASTIC_TENDON)
+        for target, chosen in ((rigid, is_rigid), (elastic, ~is_rigid)):
+            if chosen.all():
+                target.append(group)
+            elif chosen.any():
+                target.append(_part_of(group, np.flatnonzero(chosen)))
+    positions = np.sort(np.concatenate([np.zeros(0, np.int64), *(g.positions for g in elastic)]))
+    return _Split(tuple(elastic), tuple(rigid), positions)
+
+
+def _part_of(group: MuscleGroup, which: IntArray) -> MuscleGroup:
+    """Keep some muscles of a group."""
+    rows, muscle = which.tolist(), group.muscle
+    names = (
+        "max_isometric_force",
+        "optimal_fiber_length",
+        "tendon_slack_length",
+        "pennation_angle_at_optimal",
+        "max_contraction_velocity",
+    )
+    part = replace(
+        muscle,
+        **{name: getattr(muscle, name)[rows] for name in names},
+        curve_parameters={name: value[rows] for name, value in muscle.curve_parameters.items()},
+    )
+    return MuscleGroup(group.positions[which], part)
+
+
+def _shortest_along_tendon(group: MuscleGroup) -> FloatArray:
+    """Shortest fiber along the tendon, shape (n_group,) [m]."""
+    muscle = group.muscle
+    shortest, width, optimal = (
+        ca.DM(value).full().ravel()
+        for value in (
+            muscle.curves.min_fiber_length(muscle),
+            fiber_width(muscle),
+            muscle.optimal_fiber_length,
+        )
+    )
+    return np.maximum(np.sqrt(np.maximum(shortest**2 - width**2, 0.0)), _LEAST_FIBER * optimal)

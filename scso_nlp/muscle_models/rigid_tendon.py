@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -17,7 +17,7 @@ from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import rigid_tendon_fiber
 from scso_nlp.transcription.frame import Frame, MuscleState
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
@@ -43,6 +43,11 @@ class RigidTendon(MuscleModel):
     short_fibers : "refuse" or "silence"
         What to do in frames in which a path is too short for its tendon; used by ``"physical"`` only.
         ``"silence"`` gives the muscle no force there and logs its name.
+
+    Notes
+    -----
+    The physical force is not floored at zero, so that it stays affine: damping lets a fiber that shortens
+    fast push a little while it is not active. The log names the muscles that can, and how much.
 
     Raises
     ------
@@ -72,86 +77,164 @@ class RigidTendon(MuscleModel):
                 )
 
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
-        """Give capacity and passive force [N], and for the physical convention fiber length [m] and cosine."""
-        trajectory = problem.trajectory
+        """Give capacity and passive force [N], and for the physical convention what the fibers do."""
         if self.convention == "opensim":
-            return {"active_force": trajectory.active_force_capacity}
-        shape = trajectory.muscle_tendon_length.shape
-        names = ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity")
-        data = {name: np.zeros(shape) for name in names}
-        for group in muscle_groups(problem.muscles):
-            for name, values in self._of_group(group, problem).items():
-                data[name][:, group.positions] = values
-        if self.passive_force == "left_out":
-            data["passive_force"][:] = 0.0
+            return {"active_force": problem.trajectory.active_force_capacity}
         _LOG.info("passive fiber force and damping are %s", self.passive_force.replace("_", " "))
-        return data
-
-    def _of_group(self, group: MuscleGroup, problem: MuscleForceProblem) -> dict[str, FloatArray]:
-        """Evaluate one class for all frames; arrays of shape (n_frames, n_group)."""
-        length = problem.trajectory.muscle_tendon_length[:, group.positions]
-        velocity = problem.trajectory.muscle_tendon_velocity[:, group.positions]
-        muscle = repeat_over_frames(group.muscle, len(length))
-        fiber = [
-            on_arrays(lambda ell, v, i=i: rigid_tendon_fiber(muscle, ell, v)[i], length, velocity) for i in range(3)
-        ]
-        force = [
-            on_arrays(lambda ell, v, i=i: rigid_tendon_force_parts(muscle, ell, v)[i], length, velocity)
-            for i in range(2)
-        ]
-        shortest = ca.DM(group.muscle.curves.min_fiber_length(group.muscle)).full().ravel()
-        short = (length <= problem.muscles.tendon_slack_length[group.positions]) | (fiber[0] <= shortest)
-        if short.any():
-            self._report_short(short, group, problem)
-        force = [np.where(short, 0.0, part) for part in force]
-        if group.muscle.curves.FORCE_VELOCITY_DEPENDS_ON_ACTIVATION:
-            # The curve is evaluated at the unknown activation: leave it out of the capacity.
-            speed = fiber[2] / (
-                problem.muscles.optimal_fiber_length * problem.muscles.max_contraction_velocity
-            )[group.positions]
-            full = on_arrays(
-                lambda v: muscle.curves.force_velocity(v, muscle.curve_parameters, 1.0), speed
-            )
-            force[0] = np.where(full > 0, force[0] / np.where(full > 0, full, 1.0), 0.0)
-        return dict(
-            zip(
-                ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity"),
-                (*force, *fiber),
-                strict=True,
-            )
+        return rigid_fiber_data(
+            problem,
+            muscle_groups(problem.muscles),
+            problem.trajectory.muscle_tendon_velocity,
+            passive_force=self.passive_force,
+            short_fibers=self.short_fibers,
         )
-
-    def _report_short(self, short: np.ndarray, group: MuscleGroup, problem: MuscleForceProblem) -> None:
-        frame, m = (int(i) for i in np.argwhere(short)[0])
-        names = [problem.muscles.muscles[group.positions[i]] for i in np.flatnonzero(short.any(axis=0))]
-        text = (
-            f"the path of {problem.muscles.muscles[group.positions[m]]!r} is too short for a rigid tendon at "
-            f"t = {problem.trajectory.time[frame]:g} s: its fiber would be at or below its shortest length "
-            f"(muscles: {', '.join(names)})"
-        )
-        if self.short_fibers == "refuse":
-            raise DataError(f"{text}; check tendon_slack_length, or choose short_fibers='silence'")
-        _LOG.warning("%s; they give no force there", text)
 
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon force of one frame."""
-        activation, data = frame.activation, frame.data
         if self.convention == "opensim":
             nothing = ca.SX.zeros(problem.muscles.n_muscles, 1)
-            return MuscleState(tendon_force=data["active_force"] * activation, passive_force=nothing)
-        effective = ca.SX(activation)
-        for group in muscle_groups(problem.muscles):
-            curves = group.muscle.curves
-            if curves.FORCE_VELOCITY_DEPENDS_ON_ACTIVATION:
-                where = group.positions.tolist()
-                largest = group.muscle.optimal_fiber_length * group.muscle.max_contraction_velocity
-                speed = data["fiber_velocity"][where] / largest
-                effective[where] = activation[where] * curves.force_velocity(
-                    speed, group.muscle.curve_parameters, activation[where]
-                )
-        return MuscleState(
-            tendon_force=data["active_force"] * effective + data["passive_force"],
-            passive_force=data["passive_force"],
-            fiber_length=data["fiber_length"],
-            cos_pennation_angle=data["cos_pennation_angle"],
+            return MuscleState(
+                tendon_force=frame.data["active_force"] * frame.activation, passive_force=nothing
+            )
+        return rigid_fiber_state(frame, muscle_groups(problem.muscles))
+
+
+def rigid_fiber_data(
+    problem: MuscleForceProblem,
+    groups: Sequence[MuscleGroup],
+    velocity: FloatArray,
+    *,
+    passive_force: str = "included",
+    short_fibers: str = "refuse",
+) -> dict[str, FloatArray]:
+    """Evaluate the fibers of muscles with a rigid tendon in all frames.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+    groups : sequence of MuscleGroup
+        The muscles to evaluate; all others get zeros.
+    velocity : ndarray, shape (n_frames, n_muscles) [m/s]
+        Velocity of the paths.
+    passive_force : "included" or "left_out"
+        See :class:`RigidTendon`.
+    short_fibers : "refuse" or "silence"
+        See :class:`RigidTendon`.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n_frames, n_muscles)
+        ``active_force`` and ``passive_force`` [N], ``fiber_length`` [m], ``cos_pennation_angle`` [-] and
+        ``fiber_velocity`` [m/s]. Where the force-velocity curve depends on activation, ``active_force`` is
+        without it.
+
+    Raises
+    ------
+    DataError
+        A path is too short for its tendon and `short_fibers` is ``"refuse"``.
+    """
+    names = ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity")
+    data = {name: np.zeros(velocity.shape) for name in names}
+    can_push = np.zeros(velocity.shape)
+    for group in groups:
+        where = group.positions
+        parts = _evaluate(group, problem, velocity[:, where], short_fibers)
+        for name, values in zip(names, parts, strict=True):
+            data[name][:, where] = values
+        at_rest = (
+            parts[1]
+            if _depends_on_activation(group)
+            else (parts[1] + problem.muscles.min_activation[where] * parts[0])
         )
+        can_push[:, where] = np.maximum(-at_rest, 0.0)
+    if passive_force == "left_out":
+        data["passive_force"][:] = 0.0
+    elif can_push.any():
+        pushing = [problem.muscles.muscles[m] for m in np.flatnonzero(can_push.any(axis=0))]
+        _LOG.warning(
+            "damping lets fibers that shorten push by up to %.3g N at their least activation: %s",
+            can_push.max(),
+            ", ".join(pushing),
+        )
+    return data
+
+
+def rigid_fiber_state(frame: Frame, groups: Sequence[MuscleGroup]) -> MuscleState:
+    """Put activations to the data of :func:`rigid_fiber_data`; zeros for muscles that had none.
+
+    Parameters
+    ----------
+    frame : Frame
+        With that data.
+    groups : sequence of MuscleGroup
+        The same groups.
+
+    Returns
+    -------
+    MuscleState
+    """
+    data = frame.data
+    effective = ca.SX(frame.activation)
+    for group in groups:
+        if _depends_on_activation(group):
+            where = group.positions.tolist()
+            effective[where] = frame.activation[where] * group.muscle.curves.force_velocity(
+                data["fiber_velocity"][where] / _largest_velocity(group),
+                group.muscle.curve_parameters,
+                frame.activation[where],
+            )
+    return MuscleState(
+        tendon_force=data["active_force"] * effective + data["passive_force"],
+        passive_force=data["passive_force"],
+        fiber_length=data["fiber_length"],
+        cos_pennation_angle=data["cos_pennation_angle"],
+    )
+
+
+def _depends_on_activation(group: MuscleGroup) -> bool:
+    return group.muscle.curves.FORCE_VELOCITY_DEPENDS_ON_ACTIVATION
+
+
+def _largest_velocity(group: MuscleGroup) -> ca.DM:
+    """Velocity of the fastest fibers, shape (n_group, 1) [m/s]."""
+    return group.muscle.optimal_fiber_length * group.muscle.max_contraction_velocity
+
+
+def _evaluate(
+    group: MuscleGroup, problem: MuscleForceProblem, velocity: FloatArray, short_fibers: str
+) -> tuple[FloatArray, ...]:
+    """Evaluate one class, (n_frames, n_group): both forces, fiber length, cosine and velocity."""
+    length = problem.trajectory.muscle_tendon_length[:, group.positions]
+    muscle = repeat_over_frames(group.muscle, len(length))
+    fiber_length, cosine, fiber_velocity = (
+        on_arrays(lambda ell, v, i=i: rigid_tendon_fiber(muscle, ell, v)[i], length, velocity)
+        for i in range(3)
+    )
+    shortest = ca.DM(group.muscle.curves.min_fiber_length(group.muscle)).full().ravel()
+    slack = problem.muscles.tendon_slack_length[group.positions]
+    short = (length <= slack) | (fiber_length <= shortest)
+    if short.any():
+        _report_short(short, group, problem, short_fibers)
+    # For a curve that depends on activation the velocity of the active part is zero: factor 1.
+    active_velocity = np.zeros(velocity.shape) if _depends_on_activation(group) else velocity
+    active, passive = (
+        on_arrays(lambda ell, v, i=i: rigid_tendon_force_parts(muscle, ell, v)[i], length, v)
+        for i, v in enumerate((active_velocity, velocity))
+    )
+    active, passive = (np.where(short, 0.0, part) for part in (active, passive))
+    return active, passive, fiber_length, cosine, fiber_velocity
+
+
+def _report_short(
+    short: BoolArray, group: MuscleGroup, problem: MuscleForceProblem, short_fibers: str
+) -> None:
+    frame, m = (int(i) for i in np.argwhere(short)[0])
+    names = [problem.muscles.muscles[group.positions[i]] for i in np.flatnonzero(short.any(axis=0))]
+    text = (
+        f"the path of {problem.muscles.muscles[group.positions[m]]!r} is too short for a rigid tendon at "
+        f"t = {problem.trajectory.time[frame]:g} s: its fiber would be at or below its shortest length "
+        f"(muscles: {', '.join(names)})"
+    )
+    if short_fibers == "refuse":
+        raise DataError(f"{text}; check tendon_slack_length, or choose short_fibers='silence'")
+    _LOG.warning("%s; they give no force there", text)
