@@ -2,8 +2,8 @@
 
 Usage: python problems/benchmarks/against_opensim.py SETUP.xml [--joints a,b] [--q 40] [--step 10]
 
-Coupled coordinates take their speeds from the constraints. Prints one table. Each program runs in a process of its own, so that peak memory is its own; extraction runs
-in worker processes, whose largest one is counted.
+Prints one table. Coupled coordinates take their speeds from the constraints. Each program runs in a process
+of its own, so that peak memory is its own; extraction runs in worker processes, whose largest one counts.
 """
 
 from __future__ import annotations
