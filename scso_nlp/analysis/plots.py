@@ -16,19 +16,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
+from scso_nlp.analysis import style
 from scso_nlp.analysis.moment_balance import moment_balance
 from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.solution import Solution
 from scso_nlp.validation import FloatArray, read_only
-
-# Okabe and Ito's colors, distinct for all common forms of color blindness and in gray.
-_BLACK = "#000000"
-_BLUE = "#0072B2"
-_ORANGE = "#E69F00"
-_VERMILION = "#D55E00"
-_GRAY = "#7F7F7F"
 
 #: Up to this many frames are shown as separate tasks, with markers.
 _FEW_FRAMES = 15
@@ -40,7 +34,6 @@ _PANEL_WIDTH, _PANEL_HEIGHT = 2.0, 1.3
 _TIGHT_GAP, _WIDE_GAP = 0.2, 0.55
 _TITLE_GAP = 0.2
 _LEFT, _TOP, _BOTTOM, _LEAST_WIDTH = 0.6, 0.22, 0.95, 5.0
-_TEXT = 8.0  # [points]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +80,10 @@ def plot_activations(
     muscles = solution.problem.trajectory.muscles
     x, label = _horizontal(solution, horizontal)
     name, baseline_name = _names(solution, baseline)
-    curves = [(solution, _BLUE, name, "-")]
+    curves = [(solution, style.RESULT_COLOR, name, "-")]
     if baseline is not None:
         _require_same_motion(solution, baseline)
-        curves.insert(0, (baseline, _ORANGE, baseline_name, "--"))
+        curves.insert(0, (baseline, style.BASELINE_COLOR, baseline_name, "--"))
     largest = max(float(np.nanmax(_solved(run, run.activation), initial=0.1)) for run, *_ in curves)
     figure, panels = _grid(len(muscles), x, share_y=True)
     for m, (muscle, panel) in enumerate(zip(muscles, panels, strict=True)):
@@ -129,11 +122,19 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
     has_actuators = solution.control.shape[1] > 0
     figure, panels = _grid(len(balance.coordinates), x, share_y=False, title_lines=1 + has_actuators)
     for c, (coordinate, panel) in enumerate(zip(balance.coordinates, panels, strict=True)):
-        _curve(panel, x, balance.required[:, c], color=_BLACK, line="-", label="required", width=2.4)
-        _curve(panel, x, balance.muscles[:, c], color=_BLUE, line="--", label="muscles")
+        _curve(
+            panel,
+            x,
+            balance.required[:, c],
+            color=style.REQUIRED_COLOR,
+            line="-",
+            label="required",
+            width=2.4,
+        )
+        _curve(panel, x, balance.muscles[:, c], color=style.RESULT_COLOR, line="--", label="muscles")
         title = f"{coordinate} [{balance.unit[c]}]"
         if has_actuators:
-            _curve(panel, x, balance.actuators[:, c], color=_VERMILION, line="-", label="reserves")
+            _curve(panel, x, balance.actuators[:, c], color=style.MARK_COLOR, line="-", label="reserves")
             share = balance.actuator_share[c]
             title += f"\nreserves: {_percent(share)}"
         _shade_failed(panel, x, solution)
@@ -180,15 +181,15 @@ def plot_stability(
     name, baseline_name = _names(solution, baseline)
     figure, panels = _grid(len(own.rows), x, share_y=False)
     for r, (row, panel) in enumerate(zip(own.rows, panels, strict=True)):
-        panel.axhline(0.0, color=_GRAY, linewidth=0.8)
+        panel.axhline(0.0, color=style.QUIET, linewidth=0.8)
         if other is not None:
-            _curve(panel, x, other.margin[:, r], color=_ORANGE, line="--", label=baseline_name)
-        _curve(panel, x, own.margin[:, r], color=_BLUE, line="-", label=name)
+            _curve(panel, x, other.margin[:, r], color=style.BASELINE_COLOR, line="--", label=baseline_name)
+        _curve(panel, x, own.margin[:, r], color=style.RESULT_COLOR, line="-", label=name)
         active = own.is_active[:, r]
         if active.any():
             panel.plot(
                 x[active], own.margin[active, r], linestyle="none", marker="s", markersize=4.5,
-                color=_VERMILION, label="row active", zorder=4,
+                color=style.MARK_COLOR, label="row active", zorder=4,
             )  # fmt: skip
         _shade_failed(panel, x, solution)
         _widen(panel)
@@ -245,7 +246,7 @@ def _grid(n_panels: int, x: FloatArray, *, share_y: bool, title_lines: int = 1) 
     gap = _TIGHT_GAP if share_y else _WIDE_GAP
     width = max(_LEFT + n_columns * (_PANEL_WIDTH + gap), _LEAST_WIDTH)
     height = _TOP + n_rows * (_PANEL_HEIGHT + title_gap) + _BOTTOM
-    figure = Figure(figsize=(width, height), dpi=150)
+    figure = Figure(figsize=(width, height), dpi=style.RESOLUTION)
     # fixed margins and no shared axes: matplotlib's own ways take many seconds for eighty panels
     figure.subplots_adjust(
         left=(_LEFT + gap / 2) / width, right=1 - gap / 2 / width,
@@ -258,7 +259,7 @@ def _grid(n_panels: int, x: FloatArray, *, share_y: bool, title_lines: int = 1) 
     panels = panels[:n_panels]
     for i, panel in enumerate(panels):
         panel.tick_params(
-            labelsize=_TEXT - 1,
+            labelsize=style.TEXT - 1,
             labelbottom=i + n_columns >= n_panels,  # lowest panel of its column, also above an empty place
             labelleft=not share_y or i % n_columns == 0,
         )
@@ -269,7 +270,7 @@ def _grid(n_panels: int, x: FloatArray, *, share_y: bool, title_lines: int = 1) 
         panel.xaxis.set_major_locator(MaxNLocator(4))
         panel.yaxis.set_major_locator(MaxNLocator(4))
         for axis in (panel.xaxis, panel.yaxis):
-            axis.get_offset_text().set_fontsize(_TEXT - 1)
+            axis.get_offset_text().set_fontsize(style.TEXT - 1)
     return figure, panels
 
 
@@ -315,20 +316,20 @@ def _widen(panel: Axes) -> None:
 
 
 def _title(panel: Axes, text: str) -> None:
-    panel.set_title(text, fontsize=_TEXT, loc="left", pad=3)
+    panel.set_title(text, fontsize=style.TEXT, loc="left", pad=3)
 
 
 def _finish(figure: Figure, panels: list[Axes], x_label: str, y_label: str, title: str) -> None:
     width, height = figure.get_size_inches()
     middle = (_LEFT + (width - _LEFT) / 2) / width
-    figure.supxlabel(x_label, fontsize=_TEXT + 1, x=middle, y=0.47 / height, va="bottom")
-    figure.supylabel(y_label, fontsize=_TEXT + 1, x=0.12 / width, ha="left")
-    figure.suptitle(title, fontsize=_TEXT + 2, x=0.12 / width, y=1 - 0.12 / height, ha="left", va="top")
+    figure.supxlabel(x_label, fontsize=style.TEXT + 1, x=middle, y=0.47 / height, va="bottom")
+    figure.supylabel(y_label, fontsize=style.TEXT + 1, x=0.12 / width, ha="left")
+    figure.suptitle(title, fontsize=style.TEXT + 2, x=0.12 / width, y=1 - 0.12 / height, ha="left", va="top")
     entries: dict[str, Artist] = {}
     for panel in panels:
         for artist, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, artist)
     figure.legend(
         list(entries.values()), list(entries), loc="lower center", ncols=len(entries) or 1,
-        bbox_to_anchor=(0.5, 0.06 / height), fontsize=_TEXT, frameon=False,
+        bbox_to_anchor=(0.5, 0.06 / height), fontsize=style.TEXT, frameon=False,
     )  # fmt: skip

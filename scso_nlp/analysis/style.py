@@ -26,7 +26,16 @@ RESOLUTION = 150
 #: Size of one panel of a grid [inch].
 PANEL_WIDTH, PANEL_HEIGHT = 2.4, 1.6
 
-_COLORS = ("#E69F00", "#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#000000")
+#: Color of the run that others are compared with, usually plain static optimization.
+BASELINE_COLOR = "#E69F00"
+#: Color of the run itself, usually with stability rows.
+RESULT_COLOR = "#0072B2"
+#: Color of what a reader should notice: reserves, active rows.
+MARK_COLOR = "#D55E00"
+#: Color of what was asked for.
+REQUIRED_COLOR = "#000000"
+
+_COLORS = (BASELINE_COLOR, RESULT_COLOR, "#009E73", MARK_COLOR, "#56B4E9", "#CC79A7", "#000000")
 _LINES = ("--", "-", "-.", ":")
 _HATCHES = ("", "///", "...", "xxx")
 
