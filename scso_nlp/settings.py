@@ -223,7 +223,7 @@ KEYS: dict[str, Key] = {
     ),
     "keep_coupled_speeds": Key(
         group=_MOTION, read=_flag, example="false",
-        help="true: speeds that contradict the model's constraints count, as in OpenSim",
+        help="speeds of coupled coordinates: true: the motion's, as in OpenSim; false: of the constraints",
     ),
     "exponent": Key(
         group=_PROBLEM, read=_number, example="2.0",

@@ -50,6 +50,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         final_time=FINAL_TIME,
         step_interval=step_interval,
         stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
+        keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
         name="walking_3d",
         cache=motion_cache(),
     )

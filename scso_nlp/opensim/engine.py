@@ -53,7 +53,7 @@ PROGRESS_DELAY = 2.0
 MIN_FRAMES_PER_WORKER = 4
 #: How long a worker may take to end after it was asked to [s].
 PATIENCE = 5.0
-#: Speeds of coupled coordinates that are corrected by more than this are reported [rad/s or m/s].
+#: Speeds of coupled coordinates that contradict the constraints by more are reported [rad/s or m/s].
 CONTRADICTION = 0.05
 #: Lines of OpenSim's log that an error message quotes.
 QUOTED_LINES = 3
@@ -101,8 +101,8 @@ def load_motion(
     Notes
     -----
     Coordinates, speeds and accelerations are those of OpenSim's static optimization. Where coordinates
-    depend on others (couplers, closed loops), their speeds and accelerations follow from the constraints, not
-    from the motion file.
+    depend on others (couplers, closed loops), their values and accelerations follow from the constraints; so
+    do their speeds with ``keep_coupled_speeds=False``.
     """
     if isinstance(setup, (str, os.PathLike)):
         setup = read_analyze_setup(setup)
@@ -632,11 +632,16 @@ def _report_contradictions(motion: MotionInput, headers: list[dict[str, Any]]) -
     large = {name: change for name, change in worst.items() if change > CONTRADICTION}
     if large:
         named = ", ".join(f"{name} by up to {change:.3g}" for name, change in large.items())
+        taken = (
+            "OpenSim uses them and so do we; set keep_coupled_speeds=false to take them from the constraints"
+        )
+        if not motion.keep_coupled_speeds:
+            taken = "as asked, they were taken from the constraints, which OpenSim does not do"
         logger.warning(
-            "%s: the speeds of coupled coordinates contradict the model's constraints (%s rad/s or m/s) and "
-            "were replaced; OpenSim's static optimization uses them (keep_coupled_speeds does as it does)",
+            "%s: the speeds of coupled coordinates contradict the model's constraints (%s rad/s or m/s): %s",
             motion.motion,
             named,
+            taken,
         )
 
 

@@ -72,7 +72,7 @@ class MotionInput:
         Coordinates that may stay at zero because the motion has no column for them.
     keep_coupled_speeds : bool
         Take the speeds of coupled coordinates from the motion even where they contradict the constraints, as
-        OpenSim's static optimization does. Otherwise they follow from the free coordinates.
+        OpenSim's static optimization does (logged). False: they follow from the free coordinates.
     stability_axes : tuple of (str, str)
         Joint and axis letter, e.g. ``("knee_r", "z")``, for which virtual rotations are computed from
         OpenSim's own paths (needed where a path wraps or moves).
@@ -92,7 +92,7 @@ class MotionInput:
     name: str = ""
     in_degrees: bool | None = None
     held_coordinates: tuple[str, ...] = ()
-    keep_coupled_speeds: bool = False
+    keep_coupled_speeds: bool = True
     stability_axes: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:

@@ -403,7 +403,7 @@ class Engine:
     def __init__(self, osim: Any, given: dict[str, Any]) -> None:
         self.osim = osim
         self.notes: list[list[str]] = []
-        #: by how much the motion's speeds of dependent coordinates were corrected, at most
+        #: by how much the motion's speeds of dependent coordinates contradict the constraints, at most
         self.contradicted: dict[str, float] = {}
         self.model, self._tool = _load_model(osim, given)
         self.state = self.model.initSystem()
@@ -768,12 +768,11 @@ class Engine:
         if self.is_constrained:
             if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > POSE_TOLERANCE:
                 self.model.assemble(state)
-            if not motion.keeps_coupled_speeds:
-                self._make_speeds_consistent()
+            self._check_coupled_speeds(keep=motion.keeps_coupled_speeds)
         self.model.realizeVelocity(state)
 
-    def _make_speeds_consistent(self) -> None:
-        """Give dependent coordinates the speeds that the constraints ask for."""
+    def _check_coupled_speeds(self, *, keep: bool) -> None:
+        """Note where dependent coordinates have other speeds than constraints imply, or correct them."""
         if not self.dependent.any():
             return
         state = self.state
@@ -784,7 +783,8 @@ class Engine:
         for k, du in zip(np.flatnonzero(self.dependent), change, strict=True):
             coordinate = self.coordinates[k]
             if not self.is_locked[k]:
-                coordinate.setSpeedValue(state, float(coordinate.getSpeedValue(state) + du))
+                if not keep:
+                    coordinate.setSpeedValue(state, float(coordinate.getSpeedValue(state) + du))
                 name = self.coordinate_names[k]
                 self.contradicted[name] = max(self.contradicted.get(name, 0.0), abs(float(du)))
 

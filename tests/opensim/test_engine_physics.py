@@ -12,6 +12,8 @@ from tiny_model import Tiny, ask_opensim, setup_text
 
 from scso_nlp.io.storage import read_storage
 from scso_nlp.opensim import load_motion
+from scso_nlp.problem import static_optimization
+from scso_nlp.solve import solve_framewise
 from scso_nlp.trajectory import MotionTrajectory
 
 pytestmark = pytest.mark.opensim
@@ -152,7 +154,6 @@ def _walking_for_80_frames(source: Path, folder: Path) -> Path:
 def test_opensims_own_static_optimization_balances_our_equations(
     case: str, tiny: Tiny, request: pytest.FixtureRequest
 ) -> None:
-    changes = {}
     if case == "tiny":
         setup = tiny.setup
     else:
@@ -161,12 +162,10 @@ def test_opensims_own_static_optimization_balances_our_equations(
         if case == "walking3d":
             folder.mkdir()
             setup = _walking_for_80_frames(source, folder)
-            # its motion file has the patella in degrees: OpenSim then takes its speeds 57 times too high
-            changes = {"keep_coupled_speeds": True}
         else:
             shutil.copytree(source, folder)
             setup = folder / MODELS[case][1]
-    trajectory, _, _ = load_motion(setup, **changes)
+    trajectory, _, _ = load_motion(setup)
     results = tiny.folder / "results"
     ask_opensim(tiny.folder, kind="static optimization", setup=setup, results=results)
     activation, force = (
@@ -193,14 +192,40 @@ def test_opensims_own_static_optimization_balances_our_equations(
     np.testing.assert_allclose(produced, trajectory.generalized_forces, rtol=0, atol=EQUILIBRIUM_TOLERANCE)
 
 
-def test_coupled_coordinates_take_their_speeds_from_the_constraints(tiny: Tiny) -> None:
-    """A motion file with a wrong column for the slider changes nothing."""
-    right = load_motion(tiny.setup)[0]
+def test_a_setup_whose_motion_contradicts_the_couplers_still_answers_as_opensim(
+    shared_data: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its motion file has the patellae in degrees; OpenSim then takes their speeds 57 times too high."""
+    setup = _walking_for_80_frames(shared_data / "walking3d", tmp_path)
+    results = tmp_path / "results"
+    ask_opensim(tmp_path, kind="static optimization", setup=setup, results=results)
+    theirs = read_storage(next(results.glob("*_activation.sto")))
+    motion = load_motion(setup)
+    (warning,) = (message for message in caplog.messages if "contradict" in message)
+    assert "knee_angle_r_beta by up to" in warning
+    assert "OpenSim uses them and so do we; set keep_coupled_speeds=false" in warning
+    ours = solve_framewise(static_optimization(*motion))
+    # OpenSim's own optimizer stops up to 0.01 from the optimum of its problem
+    np.testing.assert_allclose(
+        np.hstack([ours.activation, ours.control]),
+        theirs.columns(motion[0].muscles + motion[0].actuators),
+        rtol=0,
+        atol=0.01,
+    )
+    capacity = motion[0].active_force_capacity
+    from_constraints = load_motion(setup, keep_coupled_speeds=False)[0].active_force_capacity
+    # the quadriceps shorten with the patella
+    assert np.abs(from_constraints - capacity).max() > 0.1 * capacity.max()
+
+
+def test_coupled_coordinates_can_take_their_speeds_from_the_constraints(tiny: Tiny) -> None:
+    """On request a motion file with a wrong column for the slider changes nothing."""
+    right = load_motion(tiny.setup, keep_coupled_speeds=False)[0]
     text = tiny.moving.read_text().splitlines()
     start = text.index("endheader") + 2
     rows = [line.rsplit("\t", 1)[0] + f"\t{0.3 * (k % 5)}" for k, line in enumerate(text[start:])]
     tiny.moving.write_text("\n".join(text[:start] + rows) + "\n")
-    wrong = load_motion(tiny.setup)[0]
+    wrong = load_motion(tiny.setup, keep_coupled_speeds=False)[0]
     np.testing.assert_allclose(wrong.generalized_forces, right.generalized_forces, atol=1e-12)
     np.testing.assert_allclose(wrong.muscle_tendon_velocity, right.muscle_tendon_velocity, atol=1e-12)
 
@@ -310,7 +335,8 @@ def test_a_closed_loop_gives_up_one_coordinate_and_keeps_the_path_rates(
 ) -> None:
     _with_a_rod(tiny)
     caplog.set_level("INFO", logger="scso_nlp")
-    trajectory, _, _ = load_motion(tiny.setup)
+    # its motion file knows nothing of the rod
+    trajectory, _, _ = load_motion(tiny.setup, keep_coupled_speeds=False)
     assert len(trajectory.coordinates) == 1
     assert any("chosen to close loops" in message for message in caplog.messages)
     rate = -trajectory.moment_arms[:, 0] * trajectory.coordinate_speeds
