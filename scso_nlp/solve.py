@@ -37,7 +37,7 @@ from scso_nlp.transcription.check import (
 )
 from scso_nlp.transcription.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.transcription.layout import PROBLEM
-from scso_nlp.transcription.local_model import LocalModel
+from scso_nlp.transcription.local_model import local_model
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("scso_nlp")
 
-#: Frame weights of steep objectives are taken where all activations and controls are at least this large.
+#: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
 _LEAST_EFFORT = 1e-3
 
 #: Most rounds of adding rows to constraints that cannot write all of them down beforehand.
@@ -197,10 +197,10 @@ def _tightened(problem: MuscleForceProblem, run: _Run, *, is_solution: bool) -> 
     if not _rows_may_be_added(problem):
         return None
     usable = np.array([s is not None and s.is_solved for s in run.status]) if is_solution else None
-    near = LocalModel(
-        program=run.program,
-        split=run.split,
-        unknowns=run.unknowns,
+    near = local_model(
+        run.program,
+        run.split,
+        run.unknowns,
         is_solution=is_solution,
         usable=np.ones(len(run.status), dtype=bool) if usable is None else usable,
     )
@@ -235,8 +235,7 @@ def _solve_rows(
         run.status[shortfall.frame] = Status.INFEASIBLE
     if problem.coupled_terms and shortfalls:
         run.status[:] = [Status.INFEASIBLE] * len(run.status)
-    if gentler is not None and not problem.coupled_terms:
-        run.weights = _frame_weights(program, run.unknowns)
+    run.weights = _frame_weights(program, run.unknowns)
     run.build_seconds += time.perf_counter() - started
     if run.waiting.size:
         run.together() if solver == "trajectory" else run.one_by_one()
@@ -315,7 +314,7 @@ class _Run:
         one, pair = nlp.multipliers(answer.lam_g)
         self.multipliers[0][frames] = one / self.weights[frames, None]
         if frames.size > 1 and pair.size:
-            self.multipliers[1][:] = pair
+            self.multipliers[1][:] = pair / self.weights[0]  # one weight for all where frames are coupled
         if answer.status.is_solved:
             self._set(frames, answer.status)
         self.iterations += answer.iterations
@@ -362,17 +361,24 @@ def _gentler(problem: MuscleForceProblem) -> MuscleForceProblem | None:
 
 
 def _frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
-    """Weights that bring every frame's objective near 1 at the guess.
+    r"""Weights that bring every frame's objective near 1 at the guess, shape (n_frames,).
 
-    Without coupling a positive weight per frame does not move the optimum, but without it the powers
-    of small activations vanish in the solver's tolerance.
+    Without coupling a positive weight per frame does not move the optimum, and with coupling one weight
+    for all; but without it the powers of small activations, or an objective of small weight, vanish in
+    the solver's tolerance. The size of an objective f is :math:`\sum_i |x_i\, \partial f/\partial x_i|`,
+    which a constant offset does not change.
     """
-    small = np.full_like(unknowns, _LEAST_EFFORT)
     size = np.zeros(len(unknowns))
     for _, piece in program.objectives:
-        for point in (unknowns, small):
-            value = np.abs(evaluate(piece, piece.function(), point, program.arrays)[0][:, 0])
-            size = np.maximum(size, np.where(np.isfinite(value), value, 0.0))
+        slope = piece.slope()
+        for point in (unknowns, np.full_like(unknowns, _LEAST_EFFORT)):
+            slopes = np.abs(evaluate(piece, slope, point, program.arrays)[0])
+            for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
+                frames = slice(side, side + len(part))
+                value = (part * np.abs(point[frames])).sum(axis=1)
+                size[frames] = np.maximum(size[frames], np.where(np.isfinite(value), value, 0.0))
+    if program.problem.coupled_terms:
+        size[:] = size.mean()
     return 1.0 / np.where(size > np.finfo(float).tiny, size, 1.0)
 
 

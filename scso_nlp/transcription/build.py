@@ -60,6 +60,10 @@ class Piece:
         """Make a function of the unknowns and the data, with the expression or other outputs."""
         return ca.Function("piece", [*self.unknowns, *self.symbols], list(outputs) or [self.expression])
 
+    def slope(self) -> ca.Function:
+        """Make a function with the gradient of a scalar expression by all its unknowns."""
+        return self.function(ca.densify(ca.gradient(self.expression, ca.vertcat(*self.unknowns))))
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrameProgram:
@@ -496,7 +500,7 @@ def build_nlp(program: FrameProgram, split: SplitRows, n_frames: int) -> Nlp:
         if piece.is_pair and n_frames == 1:
             continue
         values = ca.vec(mapped(piece))
-        objective += ca.sum1(values) if piece.is_pair else ca.dot(weights, values)
+        objective += weights[0] * ca.sum1(values) if piece.is_pair else ca.dot(weights, values)
         unknowns = ca.vertcat(*piece.unknowns)
         gradient = ca.gradient(piece.expression, unknowns)
         quadratic &= not any(ca.which_depends(gradient, unknowns, 2, True))

@@ -68,5 +68,6 @@ def test_no_joints_named_means_all_joints(rng):
 
 def test_one_bare_name_is_one_joint_not_its_letters(rng):
     problem = random_problem(rng)
-    solution = scso.solve_framewise(with_rows(problem, joints="elbow", axes="z", level=0.0), on_failure="return")
+    bare = with_rows(problem, joints="elbow", axes="z", level=0.0)
+    solution = scso.solve_framewise(bare, on_failure="return")
     assert solution.rows["JointStability"].names == ("elbow_z",)

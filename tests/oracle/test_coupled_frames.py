@@ -110,8 +110,9 @@ def test_the_multiplier_of_a_rate_limit_is_its_price(rng):
     assert found == pytest.approx(price, rel=2e-3)
 
 
-def test_coupling_of_no_weight_leaves_the_frames_alone(rng):
-    problem = uneven(rng)
+@pytest.mark.parametrize("exponent", [2.0, 3.0, 5.0, 10.0])
+def test_coupling_of_no_weight_leaves_the_frames_alone(rng, exponent):
+    problem = uneven(rng, exponent=exponent, reserve=5.0)
     coupled = with_terms(problem, [Smoothness(weight=0.0)])
     np.testing.assert_allclose(
         scso.solve_trajectory(coupled).activation, scso.solve_framewise(problem).activation, atol=1e-4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 from helpers import motion, muscle_parameters, random_problem, with_stability
@@ -61,6 +62,26 @@ def test_a_muscle_in_two_halves_pulls_as_hard_under_volume_weights(rng, exponent
     np.testing.assert_allclose(force[:, 1:10], whole[:, 1:], atol=tolerance)
     np.testing.assert_allclose(force[:, 0] + force[:, 10], whole[:, 0], atol=tolerance)
     np.testing.assert_allclose(force[:, 0], force[:, 10], atol=tolerance)
+
+
+@pytest.mark.parametrize("solve", [scso.solve_trajectory, scso.solve_framewise])
+@pytest.mark.parametrize("weight", [1e-12, 1e-4, 1e6])
+def test_the_unit_of_the_objective_does_not_matter(rng, solve, weight):
+    problem = random_problem(rng, reserve=5.0)
+    weighed = dataclasses.replace(problem, objectives=(scso.ActivationEffort(weight=weight),))
+    plain, other = solve(problem), solve(weighed)
+    np.testing.assert_allclose(other.activation, plain.activation, atol=1e-7)
+    for name, row in plain.rows.items():
+        np.testing.assert_allclose(other.rows[name].multiplier / weight, row.multiplier, rtol=1e-4, atol=1e-9)
+
+
+def test_a_constant_in_the_objective_does_not_matter(rng):
+    """An offset of the objective must not drown what is to be minimised."""
+    problem = random_problem(rng, reserve=5.0)
+    offset = dataclasses.replace(problem, objectives=(*problem.objectives, lambda frame: ca.SX(1e6)))
+    plain, other = scso.solve_trajectory(problem), scso.solve_trajectory(offset)
+    np.testing.assert_allclose(other.activation, plain.activation, atol=1e-5)
+    assert other.objective == pytest.approx(3e6 + plain.objective, rel=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1e-2, 10.0])
