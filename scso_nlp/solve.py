@@ -37,7 +37,7 @@ from scso_nlp.transcription.check import (
 )
 from scso_nlp.transcription.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.transcription.layout import PROBLEM
-from scso_nlp.transcription.local_model import LocalModel
+from scso_nlp.transcription.local_model import local_model
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -197,10 +197,10 @@ def _tightened(problem: MuscleForceProblem, run: _Run, *, is_solution: bool) -> 
     if not _rows_may_be_added(problem):
         return None
     usable = np.array([s is not None and s.is_solved for s in run.status]) if is_solution else None
-    near = LocalModel(
-        program=run.program,
-        split=run.split,
-        unknowns=run.unknowns,
+    near = local_model(
+        run.program,
+        run.split,
+        run.unknowns,
         is_solution=is_solution,
         usable=np.ones(len(run.status), dtype=bool) if usable is None else usable,
     )

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 #: An eigenvalue below its level by less than this counts as kept [N·m/rad].
 EIGENVALUE_TOLERANCE = 1e-6 * STABILITY_SCALE
 
-#: Most rounds of modelling a problem that is not quadratic, and the change of unknowns that ends them [-].
-MODEL_ROUNDS = 8
-MODEL_TOLERANCE = 1e-7
-
 #: Frames whose deciding turns are sought together; bounds the memory.
 FRAMES_PER_BATCH = 64
 
@@ -171,7 +167,7 @@ class HessianStability(StabilityConstraint):
     def _deciding_turns(
         self, terms: HessianTerms, near: LocalModel, frames: IntArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Find the null space of the Hessian at the optimum, by quadratic models of the problem.
+        """Find the null space of the Hessian at the optimum, by a model of the problem without coupling.
 
         Returns
         -------
@@ -179,48 +175,62 @@ class HessianStability(StabilityConstraint):
             Unit vectors of the null space and their sums and differences; zeros where there are fewer.
         found : ndarray of bool, shape (n_frames,)
         """
+        size = len(terms.coordinates)
         found = np.zeros(len(near.usable), dtype=bool)
-        multiplier = np.zeros((found.size, len(terms.coordinates), len(terms.coordinates)))
-        for _ in range(MODEL_ROUNDS):
-            before = near.unknowns
-            unknowns = before.copy()
-            for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
-                answer = solve_matrix_programs(self._matrix_program(terms, near, part))
-                unknowns[part[answer.is_solved]] = answer.x[answer.is_solved]
-                multiplier[part] = answer.multiplier
-                found[part] = answer.is_solved
-            near = replace(near, unknowns=unknowns)
-            if near.is_quadratic or np.abs(unknowns - before).max() < MODEL_TOLERANCE:
-                break
-        return critical_turns(np.where(found[:, None, None], multiplier, 0.0)), found
+        multiplier = np.zeros((found.size, size, size))
+        lower, upper = near.bounds()
+        for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
+            model, part_terms = near.frames(part), terms.frames(part)
+            bounds = lower[part], upper[part]
 
-    def _matrix_program(self, terms: HessianTerms, near: LocalModel, part: IntArray) -> MatrixProgram:
-        """Model the problem around a point, for some frames."""
-        n, size = near.unknowns.shape[1], len(terms.coordinates)
+            def program(
+                unknowns: FloatArray,
+                which: IntArray,
+                model: LocalModel = model,
+                terms: HessianTerms = part_terms,
+                bounds: tuple[FloatArray, FloatArray] = bounds,
+            ) -> MatrixProgram:
+                here = model.frames(which).at(unknowns)
+                return self._matrix_program(terms.frames(which), here, (bounds[0][which], bounds[1][which]))
+
+            first = program(model.unknowns, np.arange(part.size))
+            answer = solve_matrix_programs(first, None if near.is_quadratic else program)
+            multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
+            found[part] = answer.is_solved
+        return critical_turns(multiplier), found
+
+    def _matrix_program(
+        self, terms: HessianTerms, near: LocalModel, bounds: tuple[FloatArray, FloatArray]
+    ) -> MatrixProgram:
+        """Model the problem around a point."""
+        n_frames, n = near.unknowns.shape
+        eye = np.eye(len(terms.coordinates))
         force, force_slope = near.tendon_force()
         stiffness, stiffness_slope = near.quantity(f"{self.name}.muscle_stiffness")
         quadratic, linear = near.objective()
-        equations, targets = near.equations()
-        lower, upper = near.bounds()
-        matrices = np.zeros((part.size, n, size, size))
+        rows, least, most = near.affine_rows(without=self.name)
+        equal = (least == most).all(axis=0)
+        matrices = np.zeros((n_frames, n, *eye.shape))
         for m, j, value in zip(force_slope.row, force_slope.column, force_slope.values.T, strict=True):
-            matrices[:, j] += value[part, None, None] * terms.curvature[part, :, :, m]
+            matrices[:, j] += value[:, None, None] * terms.curvature[:, :, :, m]
         for m, j, value in zip(
             stiffness_slope.row, stiffness_slope.column, stiffness_slope.values.T, strict=True
         ):
-            arm = terms.moment_arms[part, :, m]
-            matrices[:, j] += value[part, None, None] * arm[:, :, None] * arm[:, None, :]
+            arm = terms.moment_arms[:, :, m]
+            matrices[:, j] += value[:, None, None] * arm[:, :, None] * arm[:, None, :]
         missed = near.block(self.name, "missed")
         if missed is not None:
-            matrices[:, missed.start] += STABILITY_SCALE * np.eye(size)
-        now = terms.hessian(force, stiffness)[part] + self._missed(near)[part, None, None] * np.eye(size)
+            matrices[:, missed.start] += STABILITY_SCALE * eye
+        now = terms.hessian(force, stiffness) + self._missed(near)[:, None, None] * eye
         return MatrixProgram(
-            quadratic=quadratic[part],
-            linear=linear[part],
-            equations=equations[part],
-            targets=targets[part],
-            lower=lower[part],
-            upper=upper[part],
+            quadratic=quadratic,
+            linear=linear,
+            equations=rows[:, equal],
+            targets=least[:, equal],
+            rows=np.concatenate([rows[:, ~equal], -rows[:, ~equal]], axis=1),
+            least=np.concatenate([least[:, ~equal], -most[:, ~equal]], axis=1),
+            lower=bounds[0],
+            upper=bounds[1],
             matrices=matrices,
-            constant=now - np.einsum("kxij,kx->kij", matrices, near.unknowns[part]),
+            constant=now - np.einsum("kxij,kx->kij", matrices, near.unknowns),
         )

@@ -83,7 +83,7 @@ class ProportionalStiffness(StiffnessLaw):
             gains[hits or positions("muscle", [pattern], muscles)] = value
         if np.isnan(gains).any():
             left = ", ".join(name for name, value in zip(muscles, gains, strict=True) if np.isnan(value))
-            raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for all others")
+            raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for the others")
         return gains
 
     def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:

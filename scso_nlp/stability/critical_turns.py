@@ -1,33 +1,54 @@
 """Which turns decide when a Hessian must stay positive semi-definite: a small conic solver in NumPy.
 
-Every frame is a quadratic program with one matrix inequality. All frames take their interior-point
+Every frame is a convex program with one matrix inequality. All frames take their interior-point
 steps together as batched arrays. The answer is used only to choose rows: the turns in the null space
 of the Hessian at the optimum, with which the rows alone reproduce the matrix inequality.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
-from scso_nlp.validation import BoolArray, FloatArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Interior-point iterations; 15 to 25 are usual.
-_MAX_ITERATIONS = 60
+_MAX_ITERATIONS = 100
 
 #: Relative residuals and gap at which a frame is done.
 _TOLERANCE = 1e-10
 
+#: The same for a frame that does not get on: good enough to tell the turns.
+_LOOSE_TOLERANCE = 1e-6
+
+#: Costs are measured by their gradient, but by no less than this share of the gradient at the start.
+_LEAST_COST = 1e-6
+
 #: Steps go this far towards the boundary.
 _STEP = 0.98
+
+#: The complementarity products wanted are at least this share of what stationarity lacks.
+_SHARE_OF_STATIONARITY = 1e-3
+
+#: A frame whose step is shorter than this does not get on: it is infeasible, or out of digits.
+_SHORTEST_STEP = 1e-8
+
+#: Added to the diagonal of the Newton equations, so that dependent equations can be solved.
+_REGULARIZATION = 1e-12
+
+#: Least slack of a bound or row at the starting point.
+_LEAST_SLACK = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixProgram:
     r"""Quadratic programs with one matrix inequality each, one per frame.
 
-    .. math:: \min \tfrac12 x^T Q x + g^T x \;\text{s.t.}\; A x = b,\; l \le x \le u,\;
+    .. math:: \min \tfrac12 x^T Q x + g^T x \;\text{s.t.}\; A x = b,\; C x \ge d,\; l \le x \le u,\;
               K + \sum_i x_i G_i \succeq 0
 
     Attributes
@@ -36,8 +57,11 @@ class MatrixProgram:
     linear : ndarray, shape (n_frames, n)
     equations : ndarray, shape (n_frames, n_equations, n)
     targets : ndarray, shape (n_frames, n_equations)
+    rows : ndarray, shape (n_frames, n_rows, n)
+    least : ndarray, shape (n_frames, n_rows)
+        d; minus infinity where a frame does not have the row.
     lower, upper : ndarray, shape (n_frames, n)
-        Infinite where there is no bound.
+        Infinite where there is no bound; unknowns with equal bounds are taken as numbers.
     matrices : ndarray, shape (n_frames, n, size, size)
         Symmetric.
     constant : ndarray, shape (n_frames, size, size)
@@ -48,6 +72,8 @@ class MatrixProgram:
     linear: FloatArray
     equations: FloatArray
     targets: FloatArray
+    rows: FloatArray
+    least: FloatArray
     lower: FloatArray
     upper: FloatArray
     matrices: FloatArray
@@ -61,10 +87,13 @@ class MatrixProgramAnswer:
     Attributes
     ----------
     x : ndarray, shape (n_frames, n)
+        NaN where not solved.
     multiplier : ndarray, shape (n_frames, size, size)
-        Of the matrix inequality; its range is the null space of the matrix at the optimum.
+        Of the matrix inequality; its range is the null space of the matrix at the optimum. NaN where not
+        solved.
     is_solved : ndarray of bool, shape (n_frames,)
     iterations : int
+        Of the frame that took most.
     """
 
     x: FloatArray
@@ -73,16 +102,25 @@ class MatrixProgramAnswer:
     iterations: int
 
 
-def solve_matrix_programs(program: MatrixProgram) -> MatrixProgramAnswer:
+#: Model of the frames with the given indices near their unknowns (n_frames_given, n).
+Remodel = Callable[[FloatArray, IntArray], MatrixProgram]
+
+
+def solve_matrix_programs(program: MatrixProgram, remodel: Remodel | None = None) -> MatrixProgramAnswer:
     """Solve all frames by a primal-dual interior-point method.
 
     Parameters
     ----------
     program : MatrixProgram
+    remodel : callable, optional
+        For costs that are not quadratic and matrices that are not affine: called before every step, it
+        returns the program whose quadratic cost and affine matrix have the right values and derivatives
+        at the unknowns given. Rows and bounds must stay.
 
     Returns
     -------
     MatrixProgramAnswer
+        Frames without a solution are marked.
 
     Notes
     -----
@@ -92,149 +130,39 @@ def solve_matrix_programs(program: MatrixProgram) -> MatrixProgramAnswer:
     ----------
     Helmberg et al. (1996), SIAM J Optim 6:342-361; Mehrotra (1992), SIAM J Optim 2:575-601.
     """
+    frames = _scaled(program)
     n_frames, n = program.linear.shape
-    size = program.constant.shape[1]
-    n_equations = program.targets.shape[1]
-    flat = program.matrices.reshape(n_frames, n, size * size)
-    has_low, has_high = np.isfinite(program.lower), np.isfinite(program.upper)
-    low, high = np.where(has_low, program.lower, 0.0), np.where(has_high, program.upper, 0.0)
-    both = has_low & has_high
-    x = np.where(both, (low + high) / 2, np.where(has_low, low + 1.0, np.where(has_high, high - 1.0, 0.0)))
-    eye = np.eye(size)
-    # Scale the matrix inequality so that its slack and multiplier start at one.
-    scale = np.maximum(np.abs(program.constant).max(axis=(1, 2)), np.abs(flat).max(axis=(1, 2)))
-    scale = np.where(scale > 0, scale, 1.0)
-    flat = flat / scale[:, None, None]
-    constant = program.constant / scale[:, None, None]
-    slack = np.broadcast_to(eye, (n_frames, size, size)).copy()
-    dual = slack.copy()
-    s_low, s_high = (
-        np.where(has_low, np.maximum(x - low, 1e-2), 1.0),
-        np.where(has_high, np.maximum(high - x, 1e-2), 1.0),
-    )
-    z_low, z_high = has_low.astype(float), has_high.astype(float)
-    y = np.zeros((n_frames, n_equations))
-    count = has_low.sum(axis=1) + has_high.sum(axis=1) + size
-    done = np.zeros(n_frames, dtype=bool)
-    size_of_linear = 1.0 + np.abs(program.linear).max(axis=1)
-    size_of_target = 1.0 + np.abs(program.targets).max(axis=1, initial=0.0)
-    iteration = 0
-    for iteration in range(_MAX_ITERATIONS):
-        matrix = constant + (flat.transpose(0, 2, 1) @ x[:, :, None]).reshape(n_frames, size, size)
-        r_dual = -(
-            (program.quadratic @ x[:, :, None])[:, :, 0]
-            + program.linear
-            - (program.equations.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
-            - (flat @ dual.reshape(n_frames, -1, 1))[:, :, 0]
-            - z_low
-            + z_high
-        )
-        r_equations = program.targets - (program.equations @ x[:, :, None])[:, :, 0]
-        r_slack = matrix - slack
-        r_low = np.where(has_low, x - low - s_low, 0.0)
-        r_high = np.where(has_high, high - x - s_high, 0.0)
-        gap = (
-            np.einsum("kij,kij->k", slack, dual)
-            + np.where(has_low, s_low * z_low, 0.0).sum(axis=1)
-            + np.where(has_high, s_high * z_high, 0.0).sum(axis=1)
-        )
-        mu = gap / count
-        done = (
-            (np.abs(r_dual).max(axis=1) <= _TOLERANCE * size_of_linear)
-            & (np.abs(r_equations).max(axis=1, initial=0.0) <= _TOLERANCE * size_of_target)
-            & (np.abs(r_slack).max(axis=(1, 2)) <= _TOLERANCE)
-            & (mu <= _TOLERANCE)
-        )
-        if done.all() or not np.isfinite(mu).all():
-            break
-        inverse = np.linalg.inv(slack)
-        inverse = (inverse + inverse.transpose(0, 2, 1)) / 2
-        # M_ij = tr(G_i Z G_j S^-1)
-        cube = flat.reshape(n_frames, n, size, size)
-        product = dual[:, None] @ cube @ inverse[:, None]
-        schur = flat @ product.transpose(0, 1, 3, 2).reshape(n_frames, n, -1).transpose(0, 2, 1)
-        schur = (schur + schur.transpose(0, 2, 1)) / 2
-        ratio_low = np.where(has_low, z_low / s_low, 0.0)
-        ratio_high = np.where(has_high, z_high / s_high, 0.0)
-        kkt = np.zeros((n_frames, n + n_equations, n + n_equations))
-        kkt[:, :n, :n] = program.quadratic + schur
-        kkt[:, np.arange(n), np.arange(n)] += ratio_low + ratio_high + 1e-12
-        kkt[:, :n, n:] = -program.equations.transpose(0, 2, 1)
-        kkt[:, n:, :n] = program.equations
-        kkt[:, np.arange(n, n + n_equations), np.arange(n, n + n_equations)] += 1e-12
-
-        def direction(c_matrix, c_low, c_high):  # type: ignore[no-untyped-def]
-            """Solve for a step; c_* are the wanted complementarity products."""
-            # dZ = c S^-1 - Z - sym(Z dS S^-1), dS = G dx + r_slack
-            fixed = c_matrix @ inverse - dual - dual @ r_slack @ inverse
-            fixed = (fixed + fixed.transpose(0, 2, 1)) / 2
-            right = r_dual + (flat @ fixed.reshape(n_frames, -1, 1))[:, :, 0]
-            right = right + np.where(has_low, (c_low - z_low * r_low) / s_low - z_low, 0.0)
-            right = right - np.where(has_high, (c_high - z_high * r_high) / s_high - z_high, 0.0)
-            step = np.linalg.solve(kkt, np.concatenate([right, r_equations], axis=1)[:, :, None])[:, :, 0]
-            dx, dy = step[:, :n], step[:, n:]
-            d_matrix = (flat.transpose(0, 2, 1) @ dx[:, :, None]).reshape(n_frames, size, size)
-            d_slack = d_matrix + r_slack
-            moved = dual @ d_matrix @ inverse
-            d_dual = fixed - (moved + moved.transpose(0, 2, 1)) / 2
-            ds_low, ds_high = np.where(has_low, dx + r_low, 0.0), np.where(has_high, -dx + r_high, 0.0)
-            dz_low = np.where(has_low, (c_low - z_low * ds_low) / s_low - z_low, 0.0)
-            dz_high = np.where(has_high, (c_high - z_high * ds_high) / s_high - z_high, 0.0)
-            return dx, dy, d_slack, d_dual, ds_low, ds_high, dz_low, dz_high
-
-        zero = np.zeros((n_frames, 1))
-        predicted = direction(np.zeros((n_frames, 1, 1)) * eye, zero, zero)
-        primal = np.minimum(
-            _to_boundary(slack, predicted[2]), _linear_boundary((s_low, s_high), predicted[4:6])
-        )
-        dual_step = np.minimum(
-            _to_boundary(dual, predicted[3]), _linear_boundary((z_low, z_high), predicted[6:8])
-        )
-        primal, dual_step = np.minimum(primal, 1.0), np.minimum(dual_step, 1.0)
-        after = (
-            np.einsum(
-                "kij,kij->k",
-                slack + primal[:, None, None] * predicted[2],
-                dual + dual_step[:, None, None] * predicted[3],
-            )
-            + np.where(
-                has_low,
-                (s_low + primal[:, None] * predicted[4]) * (z_low + dual_step[:, None] * predicted[6]),
-                0.0,
-            ).sum(axis=1)
-            + np.where(
-                has_high,
-                (s_high + primal[:, None] * predicted[5]) * (z_high + dual_step[:, None] * predicted[7]),
-                0.0,
-            ).sum(axis=1)
-        )
-        center = np.clip((after / np.maximum(gap, 1e-300)) ** 3, 1e-4, 0.8) * mu
-        c_matrix = center[:, None, None] * eye - predicted[3] @ predicted[2]
-        corrected = direction(
-            c_matrix,
-            center[:, None] - predicted[4] * predicted[6],
-            center[:, None] - predicted[5] * predicted[7],
-        )
-        primal = np.minimum(
-            _to_boundary(slack, corrected[2]), _linear_boundary((s_low, s_high), corrected[4:6])
-        )
-        dual_step = np.minimum(
-            _to_boundary(dual, corrected[3]), _linear_boundary((z_low, z_high), corrected[6:8])
-        )
-        primal, dual_step = np.minimum(_STEP * primal, 1.0), np.minimum(_STEP * dual_step, 1.0)
-        primal = np.where(done, 0.0, primal)
-        dual_step = np.where(done, 0.0, dual_step)
-        # With a quadratic objective primal and dual residuals share x: one step length keeps both falling.
-        together = np.minimum(primal, dual_step)
-        x = x + together[:, None] * corrected[0]
-        y = y + together[:, None] * corrected[1]
-        slack = slack + together[:, None, None] * corrected[2]
-        dual = dual + together[:, None, None] * corrected[3]
-        s_low, s_high = s_low + together[:, None] * corrected[4], s_high + together[:, None] * corrected[5]
-        z_low, z_high = z_low + together[:, None] * corrected[6], z_high + together[:, None] * corrected[7]
-    return MatrixProgramAnswer(
-        x=x, multiplier=dual / scale[:, None, None], is_solved=done, iterations=iteration
-    )
+    answer = np.full((n_frames, n), np.nan)
+    multiplier = np.full(program.constant.shape, np.nan)
+    is_solved = np.zeros(n_frames, dtype=bool)
+    left = np.arange(n_frames)
+    point = _start(frames)
+    iterations = 0
+    # An infeasible frame runs away until its numbers are not finite; that frame alone is then dropped.
+    with np.errstate(all="ignore"):
+        frames = _scaled(program if remodel is None else remodel(point.x, left), frames.scale)
+        frames = replace(frames, least_cost=_LEAST_COST * _largest_gradient(frames, point))
+        length = np.ones(n_frames)
+        for iterations in range(_MAX_ITERATIONS):
+            residual = _residual(frames, point)
+            stuck = ~(length > _SHORTEST_STEP) | (iterations == _MAX_ITERATIONS - 1)
+            done = _is_small(frames, point, residual, np.where(stuck, _LOOSE_TOLERANCE, _TOLERANCE))
+            now = left[done]
+            answer[now], is_solved[now] = point.x[done], True
+            multiplier[now] = point.multiplier[done] / frames.scale[done, None, None]
+            go_on = ~(done | stuck) & np.isfinite(residual.mean_product) & np.isfinite(point.x).all(axis=1)
+            if not go_on.any():
+                break
+            if not go_on.all():
+                left, frames = left[go_on], _some(frames, go_on)
+                point, residual = _some(point, go_on), _some(residual, go_on)
+            step, length = _step(frames, point, residual)
+            point = _moved(point, step, length)
+            if remodel is not None:
+                model = _scaled(remodel(point.x, left), frames.scale)
+                frames = replace(model, least_cost=frames.least_cost)
+                point = _absorbed(frames, point)
+    return MatrixProgramAnswer(x=answer, multiplier=multiplier, is_solved=is_solved, iterations=iterations)
 
 
 def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
@@ -271,20 +199,352 @@ def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def _to_boundary(matrix: FloatArray, step: FloatArray) -> FloatArray:
-    """Longest step that keeps positive definite matrices so, shape (n_frames,)."""
-    try:
-        factor = np.linalg.inv(np.linalg.cholesky(matrix))
-    except np.linalg.LinAlgError:
-        return np.zeros(len(matrix))
-    least = np.linalg.eigvalsh(factor @ step @ factor.transpose(0, 2, 1))[:, 0]
-    return np.where(least < 0, -1.0 / np.minimum(least, -1e-300), np.inf)
+@dataclass(frozen=True, kw_only=True)
+class _Frames:
+    """The program as the iterations use it.
+
+    The matrix inequality is divided by `scale` and its matrices are flat, (n_frames, n, size * size).
+    Bounds and rows are limits of x, -x and C x, (n_frames, 2 n + n_rows), zero where `has_limit` is False.
+    """
+
+    quadratic: FloatArray
+    linear: FloatArray
+    equations: FloatArray
+    targets: FloatArray
+    rows: FloatArray
+    limits: FloatArray
+    has_limit: BoolArray
+    matrices: FloatArray
+    constant: FloatArray
+    scale: FloatArray
+    least_cost: FloatArray
+
+    def matrix(self, x: FloatArray) -> FloatArray:
+        """Sum of x_i G_i, shape (n_frames, size, size)."""
+        return (x[:, None, :] @ self.matrices).reshape(self.constant.shape)
+
+    def products(self, matrix: FloatArray) -> FloatArray:
+        """Inner products tr(G_i M), shape (n_frames, n)."""
+        return (self.matrices @ matrix.reshape(len(matrix), -1, 1))[:, :, 0]
+
+    def limited(self, x: FloatArray) -> FloatArray:
+        """Give what has limits: x, -x and C x, shape (n_frames, n_limits)."""
+        return np.concatenate([x, -x, (self.rows @ x[:, :, None])[:, :, 0]], axis=1)
+
+    def push(self, multiplier: FloatArray) -> FloatArray:
+        """Add up the forces on x of the multipliers of its limits, shape (n_frames, n)."""
+        n = self.linear.shape[1]
+        of_rows = (multiplier[:, None, 2 * n :] @ self.rows)[:, 0]
+        return multiplier[:, :n] - multiplier[:, n : 2 * n] + of_rows
 
 
-def _linear_boundary(values: tuple[FloatArray, ...], steps: tuple[FloatArray, ...]) -> FloatArray:
+@dataclass(frozen=True, kw_only=True)
+class _Point:
+    """Unknowns, slacks and multipliers of every frame; also a step from one such point to another.
+
+    `slack` and `multiplier` are those of the matrix inequality, (n_frames, size, size); those of the
+    limits are (n_frames, n_limits), one and zero where there is no limit.
+    """
+
+    x: FloatArray
+    equation_multiplier: FloatArray
+    slack: FloatArray
+    multiplier: FloatArray
+    limit_slack: FloatArray
+    limit_multiplier: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Residual:
+    """What is missing to an optimum, and the complementarity products: their sum and their mean."""
+
+    stationarity: FloatArray
+    equations: FloatArray
+    slack: FloatArray
+    limits: FloatArray
+    gap: FloatArray
+    mean_product: FloatArray
+
+
+def _scaled(program: MatrixProgram, scale: FloatArray | None = None) -> _Frames:
+    """Scale the matrix inequality of every frame so that its slack and multiplier may start at one."""
+    n_frames, n = program.linear.shape
+    size = program.constant.shape[1]
+    program = _with_numbers_for_fixed(program)
+    matrices = program.matrices.reshape(n_frames, n, size * size)
+    if scale is None:
+        scale = np.maximum(
+            np.abs(program.constant).max(axis=(1, 2)), np.abs(matrices).max(axis=(1, 2), initial=0.0)
+        )
+        scale = np.where(scale > 0, scale, 1.0)
+    limits = np.concatenate([program.lower, -program.upper, program.least], axis=1)
+    has_limit = np.isfinite(limits)
+    return _Frames(
+        quadratic=program.quadratic,
+        linear=program.linear,
+        equations=program.equations,
+        targets=program.targets,
+        rows=program.rows,
+        limits=np.where(has_limit, limits, 0.0),
+        has_limit=has_limit,
+        matrices=matrices / scale[:, None, None],
+        constant=program.constant / scale[:, None, None],
+        scale=scale,
+        least_cost=np.zeros(n_frames),
+    )
+
+
+def _with_numbers_for_fixed(program: MatrixProgram) -> MatrixProgram:
+    """Put the numbers of unknowns with equal bounds into the program, and leave a cost that finds them."""
+    fixed = program.lower == program.upper
+    if not fixed.any():
+        return program
+    n = fixed.shape[1]
+    value = np.where(fixed, program.lower, 0.0)
+    free = ~fixed
+    quadratic = program.quadratic * free[:, :, None] * free[:, None, :]
+    quadratic[:, np.arange(n), np.arange(n)] += fixed
+    linear = program.linear + (program.quadratic @ value[:, :, None])[:, :, 0]
+    return MatrixProgram(
+        quadratic=quadratic,
+        linear=np.where(fixed, -value, linear),
+        equations=program.equations * free[:, None, :],
+        targets=program.targets - (program.equations @ value[:, :, None])[:, :, 0],
+        rows=program.rows * free[:, None, :],
+        least=program.least - (program.rows @ value[:, :, None])[:, :, 0],
+        lower=np.where(fixed, -np.inf, program.lower),
+        upper=np.where(fixed, np.inf, program.upper),
+        matrices=program.matrices * free[:, :, None, None],
+        constant=program.constant + np.einsum("kiab,ki->kab", program.matrices, value),
+    )
+
+
+def _start(frames: _Frames) -> _Point:
+    """Unknowns in the middle of their bounds or one inside the only one; multipliers of one."""
+    n = frames.linear.shape[1]
+    low, high = frames.limits[:, :n], -frames.limits[:, n : 2 * n]
+    has_low, has_high = frames.has_limit[:, :n], frames.has_limit[:, n : 2 * n]
+    one_sided = np.where(has_low, low + 1.0, np.where(has_high, high - 1.0, 0.0))
+    x = np.where(has_low & has_high, (low + high) / 2, one_sided)
+    one = np.broadcast_to(np.eye(frames.constant.shape[1]), frames.constant.shape)
+    inside = frames.limited(x) - frames.limits
+    return _Point(
+        x=x,
+        equation_multiplier=np.zeros(frames.targets.shape),
+        slack=one,
+        multiplier=one,
+        limit_slack=np.where(frames.has_limit, np.maximum(inside, _LEAST_SLACK), 1.0),
+        limit_multiplier=frames.has_limit.astype(float),
+    )
+
+
+def _gradient(frames: _Frames, point: _Point) -> FloatArray:
+    return (frames.quadratic @ point.x[:, :, None])[:, :, 0] + frames.linear
+
+
+def _largest_gradient(frames: _Frames, point: _Point) -> FloatArray:
+    return np.abs(_gradient(frames, point)).max(axis=1)
+
+
+def _residual(frames: _Frames, point: _Point) -> _Residual:
+    reaction = (point.equation_multiplier[:, None, :] @ frames.equations)[:, 0]
+    push = frames.products(point.multiplier) + frames.push(point.limit_multiplier)
+    gap = (point.slack * point.multiplier).sum(axis=(1, 2))
+    gap = gap + (point.limit_slack * point.limit_multiplier).sum(axis=1)
+    count = frames.has_limit.sum(axis=1) + frames.constant.shape[1]
+    inside = frames.limited(point.x) - frames.limits
+    return _Residual(
+        stationarity=reaction + push - _gradient(frames, point),
+        equations=frames.targets - (frames.equations @ point.x[:, :, None])[:, :, 0],
+        slack=frames.constant + frames.matrix(point.x) - point.slack,
+        limits=np.where(frames.has_limit, inside - point.limit_slack, 0.0),
+        gap=gap,
+        mean_product=gap / count,
+    )
+
+
+def _absorbed(frames: _Frames, point: _Point) -> _Point:
+    """Let the multipliers of lower bounds take up what stationarity lacks, where they change little.
+
+    A cost such as x^1.5 has no second derivative at a bound of zero: Newton's steps leave an error in the
+    gradient there that falls too slowly, and means nothing.
+    """
+    n = frames.linear.shape[1]
+    of_low = point.limit_multiplier[:, :n]
+    missing = _residual(frames, point).stationarity
+    little = np.abs(missing) <= 0.5 * of_low
+    multiplier = point.limit_multiplier.copy()
+    multiplier[:, :n] = of_low - np.where(little, missing, 0.0)
+    return replace(point, limit_multiplier=multiplier)
+
+
+def _is_small(frames: _Frames, point: _Point, residual: _Residual, tolerance: FloatArray) -> BoolArray:
+    """Tell which frames are done, shape (n_frames,)."""
+    cost = np.maximum(_largest_gradient(frames, point), frames.least_cost)
+    target = 1.0 + np.abs(frames.targets).max(axis=1, initial=0.0)
+    limit = 1.0 + np.abs(frames.limits).max(axis=1, initial=0.0)
+    return (
+        (np.abs(residual.stationarity).max(axis=1) <= tolerance * cost)
+        & (np.abs(residual.equations).max(axis=1, initial=0.0) <= tolerance * target)
+        & (np.abs(residual.slack).max(axis=(1, 2)) <= tolerance)
+        & (np.abs(residual.limits).max(axis=1, initial=0.0) <= tolerance * limit)
+        & (residual.mean_product <= tolerance * cost)
+    )
+
+
+def _step(frames: _Frames, point: _Point, residual: _Residual) -> tuple[_Point, FloatArray]:
+    """Mehrotra's corrected step and its length, shape (n_frames,)."""
+    size = frames.constant.shape[1]
+    inverse = _each(np.linalg.inv, (size, size), point.slack)
+    inverse = (inverse + inverse.transpose(0, 2, 1)) / 2
+    newton = _newton_matrix(frames, point, inverse)
+    predicted = _direction(
+        frames, point, residual, inverse, newton, np.zeros_like(point.slack), np.zeros_like(point.limit_slack)
+    )
+    primal, dual = (np.minimum(length, 1.0) for length in _to_boundary(point, predicted))
+    slack = point.slack + primal[:, None, None] * predicted.slack
+    multiplier = point.multiplier + dual[:, None, None] * predicted.multiplier
+    limit_slack = point.limit_slack + primal[:, None] * predicted.limit_slack
+    limit_multiplier = point.limit_multiplier + dual[:, None] * predicted.limit_multiplier
+    after = (slack * multiplier).sum(axis=(1, 2)) + (limit_slack * limit_multiplier).sum(axis=1)
+    share = after / np.where(residual.gap > 0, residual.gap, np.inf)
+    # Complementarity must not run ahead of stationarity, which curved costs bring down more slowly.
+    behind = _SHARE_OF_STATIONARITY * np.abs(residual.stationarity).max(axis=1)
+    center = np.clip(share**3, 1e-4, 0.8) * residual.mean_product
+    center = np.maximum(center, np.minimum(behind, residual.mean_product))[:, None]
+    corrected = _direction(
+        frames,
+        point,
+        residual,
+        inverse,
+        newton,
+        center[:, :, None] * np.eye(size) - predicted.multiplier @ predicted.slack,
+        center - predicted.limit_slack * predicted.limit_multiplier,
+    )
+    primal, dual = (np.minimum(_STEP * length, 1.0) for length in _to_boundary(point, corrected))
+    # With a quadratic objective primal and dual residuals share x: one step length keeps both falling.
+    length = np.where(np.isfinite(corrected.x).all(axis=1), np.minimum(primal, dual), 0.0)
+    return corrected, length
+
+
+def _newton_matrix(frames: _Frames, point: _Point, inverse: FloatArray) -> FloatArray:
+    r"""Equations for the step of x and of the multipliers of the equations.
+
+    .. math:: \begin{pmatrix} Q + M + D & -A^T \\ A & 0 \end{pmatrix}, \quad
+              M_{ij} = \operatorname{tr}(G_i Z G_j S^{-1})
+    """
+    n_frames, n, _ = frames.matrices.shape
+    n_equations = frames.targets.shape[1]
+    total = n + n_equations
+    cube = frames.matrices.reshape(n_frames, n, *frames.constant.shape[1:])
+    product = point.multiplier[:, None] @ cube @ inverse[:, None]
+    schur = frames.matrices @ product.transpose(0, 1, 3, 2).reshape(n_frames, n, -1).transpose(0, 2, 1)
+    newton = np.zeros((n_frames, total, total))
+    newton[:, :n, :n] = frames.quadratic + (schur + schur.transpose(0, 2, 1)) / 2
+    ratio = point.limit_multiplier / point.limit_slack
+    newton[:, np.arange(n), np.arange(n)] += ratio[:, :n] + ratio[:, n : 2 * n]
+    if frames.rows.shape[1]:
+        newton[:, :n, :n] += (frames.rows.transpose(0, 2, 1) * ratio[:, None, 2 * n :]) @ frames.rows
+    newton[:, :n, n:] = -frames.equations.transpose(0, 2, 1)
+    newton[:, n:, :n] = frames.equations
+    newton[:, np.arange(total), np.arange(total)] += _REGULARIZATION
+    return newton
+
+
+def _direction(
+    frames: _Frames,
+    point: _Point,
+    residual: _Residual,
+    inverse: FloatArray,
+    newton: FloatArray,
+    wanted: FloatArray,
+    wanted_of_limits: FloatArray,
+) -> _Point:
+    r"""Solve for the step that gives the complementarity products wanted.
+
+    .. math:: \Delta Z = C S^{-1} - Z - \operatorname{sym}(Z \Delta S S^{-1}), \quad
+              \Delta S = \sum_i \Delta x_i G_i + R_S
+    """
+    n = frames.linear.shape[1]
+    has, s, z = frames.has_limit, point.limit_slack, point.limit_multiplier
+    fixed = _symmetric(wanted @ inverse - point.multiplier - point.multiplier @ residual.slack @ inverse)
+    of_limits = np.where(has, (wanted_of_limits - z * residual.limits) / s - z, 0.0)
+    right = residual.stationarity + frames.products(fixed) + frames.push(of_limits)
+    right = np.concatenate([right, residual.equations], axis=1)
+    step = _each(np.linalg.solve, (right.shape[1], 1), newton, right[:, :, None])[:, :, 0]
+    dx = step[:, :n]
+    d_matrix = frames.matrix(dx)
+    d_limit_slack = np.where(has, frames.limited(dx) + residual.limits, 0.0)
+    return _Point(
+        x=dx,
+        equation_multiplier=step[:, n:],
+        slack=d_matrix + residual.slack,
+        multiplier=fixed - _symmetric(point.multiplier @ d_matrix @ inverse),
+        limit_slack=d_limit_slack,
+        limit_multiplier=np.where(has, (wanted_of_limits - z * d_limit_slack) / s - z, 0.0),
+    )
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return (matrix + matrix.transpose(0, 2, 1)) / 2
+
+
+def _to_boundary(point: _Point, step: _Point) -> tuple[FloatArray, FloatArray]:
+    """Longest steps that keep slacks, and multipliers, positive; two arrays of shape (n_frames,)."""
+    return (
+        np.minimum(
+            _definite_boundary(point.slack, step.slack),
+            _linear_boundary(point.limit_slack, step.limit_slack),
+        ),
+        np.minimum(
+            _definite_boundary(point.multiplier, step.multiplier),
+            _linear_boundary(point.limit_multiplier, step.limit_multiplier),
+        ),
+    )
+
+
+def _definite_boundary(matrix: FloatArray, step: FloatArray) -> FloatArray:
+    """Longest step that keeps positive definite matrices so, shape (n_frames,); 0 where they are not."""
+    shape = matrix.shape[1:]
+    factor = _each(np.linalg.inv, shape, _each(np.linalg.cholesky, shape, matrix))
+    least = _each(np.linalg.eigvalsh, shape[:1], factor @ step @ factor.transpose(0, 2, 1))[:, 0]
+    return np.where(np.isnan(least), 0.0, np.where(least < 0, -1.0 / np.minimum(least, -1e-300), np.inf))
+
+
+def _linear_boundary(values: FloatArray, steps: FloatArray) -> FloatArray:
     """Longest step that keeps positive numbers so, shape (n_frames,)."""
-    longest = np.full(len(values[0]), np.inf)
-    for value, step in zip(values, steps, strict=True):
-        ratio = np.where(step < 0, value / np.maximum(-step, 1e-300), np.inf)
-        longest = np.minimum(longest, ratio.min(axis=1, initial=np.inf))
-    return longest
+    ratio = np.where(steps < 0, values / np.maximum(-steps, 1e-300), np.inf)
+    return ratio.min(axis=1, initial=np.inf)
+
+
+def _each(function: Callable[..., FloatArray], shape: tuple[int, ...], *stacks: FloatArray) -> FloatArray:
+    """Apply a function of linear algebra to stacks of matrices; NaN for those on which it fails.
+
+    `shape` is that of one result.
+    """
+    try:
+        return function(*stacks)
+    except np.linalg.LinAlgError:
+        pass
+    results = np.full((len(stacks[0]), *shape), np.nan)
+    for k, matrices in enumerate(zip(*stacks, strict=True)):
+        with contextlib.suppress(np.linalg.LinAlgError):
+            results[k] = function(*matrices)
+    return results
+
+
+_Data = TypeVar("_Data", _Frames, _Point, _Residual)
+
+
+def _some(data: _Data, keep: BoolArray) -> _Data:
+    """Keep some frames."""
+    return type(data)(**{item.name: getattr(data, item.name)[keep] for item in fields(data)})
+
+
+def _moved(point: _Point, step: _Point, length: FloatArray) -> _Point:
+    """Go along a step, by the length of each frame."""
+    moved = {}
+    for item in fields(point):
+        here, by = getattr(point, item.name), getattr(step, item.name)
+        moved[item.name] = here + length.reshape(-1, *(1,) * (here.ndim - 1)) * by
+    return _Point(**moved)

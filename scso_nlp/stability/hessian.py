@@ -1,6 +1,6 @@
-"""The Hessian of the potential energy over chosen coordinates, and what can be read from it.
+r"""The Hessian of the potential energy over chosen coordinates, and what can be read from it.
 
-.. math:: H = \\sum_m \\left(F_m C_m + k_m r_m r_m^T\\right) + K_{passive} - \\partial\\tau_{ext}/\\partial q
+.. math:: H = \sum_m \left(F_m C_m + k_m r_m r_m^T\right) + K_{passive} - \partial\tau_{ext}/\partial q
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
-from scso_nlp.validation import FloatArray, positions
+from scso_nlp.validation import FloatArray, IntArray, positions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,16 @@ class HessianTerms:
     moment_arms: FloatArray
     constant: FloatArray
     path_length: FloatArray
+
+    def frames(self, which: IntArray) -> HessianTerms:
+        """Keep some frames."""
+        return HessianTerms(
+            coordinates=self.coordinates,
+            curvature=self.curvature[which],
+            moment_arms=self.moment_arms[which],
+            constant=self.constant[which],
+            path_length=self.path_length[which],
+        )
 
     def along(self, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Restrict to directions v: curvature v'Cv, moment arms r'v and constant v'Kv.
@@ -103,7 +113,7 @@ def hessian_terms(
     curvature = require_curvature(trajectory)
     names = curvature.coordinates if coordinates is None else tuple(coordinates)
     chosen = positions("coordinate with curvature", names, curvature.coordinates)
-    both = np.ix_(range(trajectory.n_frames), chosen, chosen)
+    both = np.ix_(np.arange(trajectory.n_frames), chosen, chosen)
     constant = curvature.load_stiffness[both]
     if model_passive:
         constant = constant + curvature.passive_stiffness[both]
@@ -135,7 +145,19 @@ def rows_along(
     muscles: tuple[str, ...],
     notes: tuple[str, ...] = (),
 ) -> StabilityRows:
-    """Make stability rows of directions; what is constant stands as (negative) external work."""
+    """Make stability rows of directions; what is constant stands as (negative) external work.
+
+    Parameters
+    ----------
+    terms : HessianTerms
+    directions : ndarray, shape (n_frames, n_rows, n_coordinates) [-]
+    names, muscles, notes : tuple of str
+        As in :class:`StabilityRows`.
+
+    Returns
+    -------
+    StabilityRows
+    """
     curvature, moment_arms, constant = terms.along(directions)
     return StabilityRows(
         rows=names,
