@@ -41,7 +41,7 @@ from scso_nlp.opensim.setup_xml import (
     read_external_loads,
     with_changes,
 )
-from scso_nlp.trajectory import MotionTrajectory, Skeleton
+from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
 
 logger = logging.getLogger("scso_nlp")
 
@@ -558,6 +558,10 @@ _SKELETON_ARRAYS = (
     "path_point_bodies",
     "path_point_moves",
 )
+#: Arrays of a worker that belong to the curvature along coordinates.
+_CURVATURE_ARRAYS = ("path_curvature", "load_stiffness", "passive_stiffness", "asymmetry", "is_uncertain")
+#: At most this many muscles are named in one message.
+NAMED_MUSCLES = 8
 _POINT_ARRAYS = {"path_points": 0.0, "path_point_bodies": -1, "path_point_moves": False}
 
 
@@ -567,6 +571,7 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
     for level, note in header["notes"]:
         logger.log(logging.getLevelNamesMapping()[level], "%s", note)
     _report_contradictions(motion, headers)
+    _report_uncertainty(motion, headers)
     for part, own in enumerate(headers):
         seconds = own["seconds"]
         logger.debug(
@@ -578,9 +583,10 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
             own["peak_memory"] / 1e6,
         )
     n_points = max(result["path_point_bodies"].shape[2] for result in results)
+    # taken out one by one, so that no array is in memory more often than needed
     arrays: dict[str, Any] = {
-        name: np.concatenate([_padded(name, result[name], n_points) for result in results])
-        for name in results[0]
+        name: np.concatenate([_padded(name, result.pop(name), n_points) for result in results])
+        for name in list(results[0])
     }
     skeleton_arrays = {name: arrays.pop(name) for name in _SKELETON_ARRAYS}
     if header["virtual_rows"]:
@@ -598,6 +604,12 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
         virtual_rows=tuple(header["virtual_rows"]),
         **skeleton_arrays,
     )
+    curvature = None
+    if header["curvature_coordinates"]:
+        curvature = CoordinateCurvature(
+            coordinates=tuple(header["curvature_coordinates"]),
+            **{name: arrays.pop(name) for name in _CURVATURE_ARRAYS},
+        )
     muscle_names, actuator_names = tuple(header["muscles"]), tuple(header["actuators"])
     trajectory = MotionTrajectory(
         name=motion.name,
@@ -608,6 +620,7 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
         force_columns=tuple(header["force_columns"]),
         other_force_labels=tuple(header["other_force_labels"]),
         skeleton=skeleton,
+        curvature=curvature,
         **arrays,
     )
     parameters = header["muscle_parameters"]
@@ -643,6 +656,24 @@ def _report_contradictions(motion: MotionInput, headers: list[dict[str, Any]]) -
             named,
             taken,
         )
+
+
+def _report_uncertainty(motion: MotionInput, headers: list[dict[str, Any]]) -> None:
+    if not headers[0]["curvature_coordinates"]:
+        return
+    frames = np.sum([header["uncertain_frames"] for header in headers], axis=0)
+    order = [m for m in np.argsort(-frames, kind="stable") if frames[m]]
+    if not order:
+        return
+    named = ", ".join(f"{headers[0]['muscles'][m]} in {frames[m]}" for m in order[:NAMED_MUSCLES])
+    more = f", and {len(order) - NAMED_MUSCLES} more muscles" if len(order) > NAMED_MUSCLES else ""
+    logger.warning(
+        "%s: the curvature of paths is uncertain in frames where they change their points or have kinks "
+        "(%s%s); these are marked in trajectory.curvature.is_uncertain",
+        motion.motion,
+        named,
+        more,
+    )
 
 
 def _padded(name: str, array: np.ndarray, n_points: int) -> np.ndarray:

@@ -20,6 +20,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.validation import unique_names
 
 logger = logging.getLogger("scso_nlp")
 
@@ -76,6 +77,9 @@ class MotionInput:
     stability_axes : tuple of (str, str)
         Joint and axis letter, e.g. ``("knee_r", "z")``, for which virtual rotations are computed from
         OpenSim's own paths (needed where a path wraps or moves).
+    curvature_coordinates : tuple of str or "all"
+        Free coordinates along which second derivatives of path lengths, loads and passive forces are
+        computed; "all" is every free coordinate that some muscle depends on.
     """
 
     model: Path
@@ -94,6 +98,7 @@ class MotionInput:
     held_coordinates: tuple[str, ...] = ()
     keep_coupled_speeds: bool = True
     stability_axes: tuple[tuple[str, str], ...] = ()
+    curvature_coordinates: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -103,9 +108,10 @@ class MotionInput:
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
         set_field(self, "actuators", tuple(_absolute(path) for path in self.actuators))
-        if isinstance(self.held_coordinates, str):
-            set_field(self, "held_coordinates", (self.held_coordinates,))
-        set_field(self, "held_coordinates", tuple(self.held_coordinates))
+        for name in ("held_coordinates", "curvature_coordinates"):
+            names = getattr(self, name)
+            set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
+        set_field(self, "curvature_coordinates", unique_names("coordinate", self.curvature_coordinates))
         axes = tuple((str(joint), str(axis)) for joint, axis in self.stability_axes)
         wrong = [axis for _, axis in axes if axis not in ("x", "y", "z")]
         if wrong:

@@ -5,9 +5,10 @@ and it needs nothing else but NumPy. It reads a job (JSON), works through its sh
 arrays to an ``.npz`` file and tells its parent how far it is, one JSON object per line on standard output.
 OpenSim's own messages go to a log file beside the job.
 
-The recipe: no finite differences, no analysis tools. Moment arms come from each path's equivalent body
+The recipe: no analysis tools. Moment arms come from each path's equivalent body
 forces through the transposed system Jacobian, net generalized forces from OpenSim's inverse dynamics, both
-reduced to the free coordinates with du/du_free from the constraint matrix.
+reduced to the free coordinates with du/du_free from the constraint matrix. Only second derivatives of path
+lengths are central differences, of these moment arms.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import re
 import sys
 import time as clock
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, TextIO
 
 import numpy as np
@@ -36,6 +38,22 @@ LIGHT_SEGMENT = 0.01
 SAME_TIME = 1e-6
 #: Half step of the virtual rotations about joint axes [rad]: rounding and truncation errors meet near it.
 VIRTUAL_STEP = 1e-4
+#: Half step of the derivatives along coordinates [rad or m], a wider one that must agree with it, and one
+#: that spans the artefacts where they do not.
+STEP, WIDE_STEP, WIDEST_STEP = 1e-4, 1e-3, 1e-2
+#: Derivatives of moment arms agree if they differ by no more than this [m], or this share of the larger.
+SAME_SLOPE, SAME_SLOPE_SHARE = 1e-4, 1e-2
+#: Largest constraint error at the points of the stencil [m] or [rad], and most Newton steps to get there.
+LOOP_TOLERANCE, LOOP_ITERATIONS = 1e-13, 8
+#: Joints that move bodies along straight lines and circles only.
+SMOOTH_JOINTS = (
+    "PinJoint",
+    "SliderJoint",
+    "UniversalJoint",
+    "GimbalJoint",
+    "PlanarJoint",
+    "FreeJoint",
+)
 #: Seconds between two progress messages.
 PROGRESS_INTERVAL = 0.1
 
@@ -163,6 +181,8 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
     rows = np.array_split(motion.rows, job["parts"])[job["part"]]
     engine.choose_free_coordinates(motion, int(motion.rows[0]))
     virtual = VirtualRotations(engine, job["motion"]) if job["motion"]["stability_axes"] else None
+    chosen = job["motion"]["curvature_coordinates"]
+    derivatives = CoordinateDerivatives(engine, chosen) if chosen else None
     startup = clock.perf_counter() - started
     _tell(parent, total=len(motion.rows), share=len(rows), startup=startup)
 
@@ -173,6 +193,8 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
         frame = engine.frame(motion, int(row))
         if virtual is not None:
             frame.update(virtual.frame(frame, engine.poses))
+        if derivatives is not None:
+            frame.update(derivatives.frame(frame))
         frames.append(frame)
         if clock.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
             told = clock.perf_counter()
@@ -182,11 +204,16 @@ def extract(job: dict[str, Any], parent: TextIO) -> dict[str, Any]:
     n_points = max(frame["path_point_bodies"].shape[1] for frame in frames)
     for frame in frames:
         _pad_points(frame, n_points)
-    arrays: dict[str, Any] = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
+    # one array at a time leaves the frames: all together would be in memory twice
+    arrays: dict[str, Any] = {
+        name: np.stack([frame.pop(name) for frame in frames]) for name in list(frames[0])
+    }
     header = engine.header() | {
         "notes": motion.notes + engine.notes,
         "contradicted_speeds": engine.contradicted,
         "virtual_rows": virtual.names if virtual is not None else [],
+        "curvature_coordinates": derivatives.names if derivatives is not None else [],
+        "uncertain_frames": derivatives.uncertain.tolist() if derivatives is not None else [],
         "seconds": {"startup": startup, "frames": clock.perf_counter() - began},
         "peak_memory": _peak_memory(),
         "opensim_version": opensim.GetVersion(),
@@ -450,7 +477,7 @@ class Engine:
         self.is_locked = np.array([coordinate.getLocked(state) for coordinate in self.coordinates])
         self.is_prescribed = np.array([coordinate.isPrescribed(state) for coordinate in self.coordinates])
         self.is_set_by_model = np.array([coordinate.isConstrained(state) for coordinate in self.coordinates])
-        self._couplers = []
+        self.couplers = []
         constraints = self.model.getConstraintSet()
         for i in range(constraints.getSize()):
             coupler = osim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
@@ -460,7 +487,7 @@ class Engine:
             where = [self.coordinate_names.index(independent.get(j)) for j in range(independent.getSize())]
             target = self.coordinate_names.index(coupler.getDependentCoordinateName())
             scale = osim.PropertyHelper.getValueDouble(coupler.getPropertyByName("scale_factor"))
-            self._couplers.append((target, where, coupler.getFunction(), scale))
+            self.couplers.append((target, where, coupler.getFunction(), scale))
         self.is_constrained = len(state.getUErr().to_numpy()) > 0
 
     def _find_forces(self) -> None:
@@ -547,7 +574,7 @@ class Engine:
         self.body_names = ["ground", *(body.getName() for body in self.bodies)]
         self.body_masses = np.array([0.0, *(float(body.getMass()) for body in self.bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self.bodies]
-        self._mass_centers = np.array([np.zeros(3), *centers])
+        self.mass_centers = np.array([np.zeros(3), *centers])
         self.body_parents = np.full(len(self.body_names), -1, dtype=np.int64)
         vec3 = self.osim.Vec3
         self._frame_points = (vec3(0), vec3(1, 0, 0), vec3(0, 1, 0), vec3(0, 0, 1))
@@ -657,6 +684,10 @@ class Engine:
             distal |= {b for b, parent in enumerate(self.body_parents) if parent in distal}
         return distal
 
+    def child_of_coordinate(self, k: int) -> int:
+        """Return the body on the distal side of a coordinate's joint."""
+        return self.base_body(self.coordinates[k].getJoint().getChildFrame())
+
     def path_bodies(self, m: int) -> set[int]:
         """Return every body that a muscle's path may touch."""
         points, wraps = self.geometry[m].getPathPointSet(), self.geometry[m].getWrapSet()
@@ -667,13 +698,13 @@ class Engine:
 
     def moved_mass(self, coordinate: str) -> float:
         """Share of the total mass on the distal side of a coordinate's joint; 1 if a load acts there."""
-        joint = self.coordinates[self.coordinate_names.index(coordinate)].getJoint()
-        distal = self.distal_bodies(self.base_body(joint.getChildFrame()))
-        if any(self._load_body(load) in distal for load in self.loads):
+        distal = self.distal_bodies(self.child_of_coordinate(self.coordinate_names.index(coordinate)))
+        if any(self.load_body(load) in distal for load in self.loads):
             return 1.0
         return float(self.body_masses[sorted(distal)].sum() / max(self.body_masses.sum(), 1e-300))
 
-    def _load_body(self, load: Any) -> int:
+    def load_body(self, load: Any) -> int:
+        """Return the index of the body that an external load acts on."""
         frame = self.osim.PhysicalFrame.safeDownCast(self._physical_frame(load.getAppliedToBodyName()))
         return self.base_body(frame)
 
@@ -694,7 +725,7 @@ class Engine:
         self.pose(motion, row)
         if not self.is_constrained:
             return
-        constraints = self._constraint_matrix()
+        constraints = self.constraint_matrix(self.state)
         dependent = self.is_set_by_model.copy()
         scale = np.abs(constraints).max(initial=0.0)
         rest = constraints.copy()
@@ -718,8 +749,9 @@ class Engine:
         if loops:
             self.notes.append(["INFO", f"of these, chosen to close loops: {', '.join(loops)}"])
 
-    def _constraint_matrix(self) -> Array:
-        self.matter.calcG(self.state, self._matrix)
+    def constraint_matrix(self, state: Any) -> Array:
+        """Return the velocity constraints' matrix, shape (n_constraints, n_u)."""
+        self.matter.calcG(state, self._matrix)
         return np.array(self._matrix.to_numpy()).reshape(-1, self.n_u)
 
     def _system_jacobian(self) -> Array:
@@ -727,7 +759,7 @@ class Engine:
         self.matter.calcSystemJacobian(self.state, matrix)
         return np.array(matrix.to_numpy())
 
-    def _coupling(self, constraints: Array) -> Array:
+    def coupling(self, constraints: Array) -> Array:
         """Return du/du_free, shape (n_u, n_free)."""
         coupling = np.zeros((self.n_u, len(self.free)))
         coupling[self.free, np.arange(len(self.free))] = 1.0
@@ -756,10 +788,7 @@ class Engine:
             values[k] = function.calcValue(vector(1, time))
         for k in np.flatnonzero(self.is_locked).tolist():
             values[k] = self.coordinates[k].getValue(state)
-        for _ in range(min(len(self._couplers), 4)):
-            for target, where, function, scale in self._couplers:
-                argument = vector.createFromMat(np.ascontiguousarray(values[where]))
-                values[target] = scale * function.calcValue(argument)
+        self.follow(values)
         for k, coordinate in enumerate(self.coordinates):
             if not self.is_locked[k]:
                 coordinate.setValue(state, float(values[k]), False)
@@ -771,6 +800,32 @@ class Engine:
             self._check_coupled_speeds(keep=motion.keeps_coupled_speeds)
         self.model.realizeVelocity(state)
 
+    def follow(self, values: Array) -> None:
+        """Give coupled coordinates the values that their couplers ask for, in place."""
+        for _ in range(min(len(self.couplers), 4)):
+            for target, where, function, scale in self.couplers:
+                argument = self.osim.Vector.createFromMat(np.ascontiguousarray(values[where]))
+                values[target] = scale * function.calcValue(argument)
+
+    def close_loops(self, state: Any) -> None:
+        """Move the dependent coordinates until the constraints hold; the free ones stay."""
+        for _ in range(LOOP_ITERATIONS):
+            error = np.array(state.getQErr().to_numpy())
+            if np.abs(error).max(initial=0.0) <= LOOP_TOLERANCE:
+                return
+            own = self.constraint_matrix(state)[: len(error), self.dependent]
+            change = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
+            for k, dq in zip(np.flatnonzero(self.dependent), change, strict=True):
+                if not self.is_locked[k]:
+                    coordinate = self.coordinates[k]
+                    coordinate.setValue(state, float(coordinate.getValue(state) + dq), False)
+            self.model.realizePosition(state)
+        if np.abs(np.array(state.getQErr().to_numpy())).max(initial=0.0) > POSE_TOLERANCE:
+            raise Refusal(
+                f"the model's constraints cannot be kept near its pose at t = {state.getTime():.9g} s",
+                "EngineError",
+            )
+
     def _check_coupled_speeds(self, *, keep: bool) -> None:
         """Note where dependent coordinates have other speeds than constraints imply, or correct them."""
         if not self.dependent.any():
@@ -778,7 +833,7 @@ class Engine:
         state = self.state
         self.model.realizeVelocity(state)
         error = np.array(state.getUErr().to_numpy())
-        own = self._constraint_matrix()[:, self.dependent]
+        own = self.constraint_matrix(self.state)[:, self.dependent]
         change = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
         for k, du in zip(np.flatnonzero(self.dependent), change, strict=True):
             coordinate = self.coordinates[k]
@@ -794,18 +849,18 @@ class Engine:
         """Compute everything that belongs to one row of the motion."""
         self.pose(motion, row)
         state = self.state
-        constraints = self._constraint_matrix() if self.is_constrained else np.zeros((0, self.n_u))
-        coupling = self._coupling(constraints)
+        constraints = self.constraint_matrix(self.state) if self.is_constrained else np.zeros((0, self.n_u))
+        coupling = self.coupling(constraints)
         accelerations = self._accelerations(motion.accelerations[row], constraints)
         self.poses = self._body_poses()
-        net = self._inverse_dynamics(accelerations)
+        net = self.inverse_dynamics(accelerations)
         result = {
             "time": np.array(motion.time[row]),
             "coordinate_values": self._read("getValue"),
             "coordinate_speeds": self._read("getSpeedValue"),
             "muscle_tendon_length": np.array([path.getLength(state) for path in self._paths]),
             "muscle_tendon_velocity": np.array([path.getLengtheningSpeed(state) for path in self._paths]),
-            "moment_arms": coupling.T @ self._path_columns(),
+            "moment_arms": coupling.T @ self.path_columns(self.state),
             "active_force_capacity": np.array(
                 [muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in self.muscles]
             ),
@@ -830,23 +885,24 @@ class Engine:
             accelerations[self.dependent] = -np.linalg.lstsq(own, error, rcond=RANK_TOLERANCE)[0]
         return accelerations
 
-    def _path_columns(self) -> Array:
-        """Return the generalized force of each path at 1 N tension, shape (n_u, n_muscles)."""
-        osim, state, out = self.osim, self.state, self._vector
-        columns = np.zeros((self.n_u, len(self._paths)))
+    def path_columns(self, state: Any, muscles: NDArray[np.int64] | None = None) -> Array:
+        """Return the generalized force of each path, or of some, at 1 N tension, shape (n_u, n_muscles)."""
+        osim, out = self.osim, self._vector
+        chosen = range(len(self._paths)) if muscles is None else muscles.tolist()
+        columns = np.zeros((self.n_u, len(chosen)))
         nothing = osim.Vector(self._no_mobility_forces)
-        for j, path in enumerate(self._paths):
+        for j, m in enumerate(chosen):
             # the call adds to what it is given; only moving points and fitted paths add to mobilities
             body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
-            mobility_forces = osim.Vector(self._no_mobility_forces) if self._drives_mobilities[j] else nothing
-            path.addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+            mobility_forces = osim.Vector(self._no_mobility_forces) if self._drives_mobilities[m] else nothing
+            self._paths[m].addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
             self.matter.multiplyBySystemJacobianTranspose(state, body_forces, out)
             columns[:, j] = out.to_numpy()
-            if self._drives_mobilities[j]:
+            if self._drives_mobilities[m]:
                 columns[:, j] += mobility_forces.to_numpy()
         return columns
 
-    def _inverse_dynamics(self, accelerations: Array, state: Any = None) -> Array:
+    def inverse_dynamics(self, accelerations: Array, state: Any = None) -> Array:
         """Return what must act on each mobility, all forces but muscles and actuators taken off."""
         vector = self.osim.Vector.createFromMat(np.ascontiguousarray(accelerations))
         solution = self._solver.solve(self.state if state is None else state, vector)
@@ -859,7 +915,7 @@ class Engine:
         other.setTime(self.state.getTime())
         other.setQ(self.state.getQ())
         other.setU(self.state.getU())
-        return self._inverse_dynamics(accelerations, other) - net
+        return self.inverse_dynamics(accelerations, other) - net
 
     def _actuator_columns(self, accelerations: Array, net: Array) -> Array:
         columns = np.zeros((self.n_u, len(self.actuators)))
@@ -869,7 +925,7 @@ class Engine:
                 columns[coordinate, j] = optimal_force
                 continue
             actuator.setOverrideActuation(self.state, float(actuator.getOptimalForce()))
-            columns[:, j] = net - self._inverse_dynamics(accelerations)
+            columns[:, j] = net - self.inverse_dynamics(accelerations)
             actuator.setOverrideActuation(self.state, 0.0)
         return columns
 
@@ -887,6 +943,24 @@ class Engine:
                 )
             values += [record.get(i) for i in range(n_labels)]
         return np.array(values, dtype=float)
+
+    def station(self, state: Any, body: int, point: Any) -> Array:
+        """Return where a point of a body (0 is ground) is in ground [m]."""
+        if body == 0:
+            return np.array(point.to_numpy())
+        return np.array(self.bodies[body - 1].findStationLocationInGround(state, point).to_numpy())
+
+    def generalized(self, state: Any, wrenches: dict[int, tuple[Array, Array]]) -> Array:
+        """Return the generalized force of moments and forces at bodies' origins, shape (n_u,)."""
+        osim = self.osim
+        body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
+        for body, (moment, force) in wrenches.items():
+            if body:
+                index = int(self.bodies[body - 1].getMobilizedBodyIndex())
+                wrench = osim.SpatialVec(osim.Vec3(*moment.tolist()), osim.Vec3(*force.tolist()))
+                body_forces.set(index, wrench)
+        self.matter.multiplyBySystemJacobianTranspose(state, body_forces, self._vector)
+        return np.array(self._vector.to_numpy())
 
     # -- skeleton
 
@@ -907,7 +981,7 @@ class Engine:
         forces, points, torques = self._load_vectors()
         children, _, centers = self._child_frames
         result = {
-            "body_mass_centers": np.einsum("bij,bj->bi", rotations, self._mass_centers) + origins,
+            "body_mass_centers": np.einsum("bij,bj->bi", rotations, self.mass_centers) + origins,
             "joint_centers": np.einsum("jab,jb->ja", rotations[children], centers) + origins[children],
             "joint_axes": self._joint_axes(rotations),
             "load_forces": forces,
@@ -1010,7 +1084,7 @@ class Engine:
             "joints": self.joint_names,
             "joint_children": self.joint_children,
             "load_names": [load.getName() for load in self.loads],
-            "load_bodies": [self._load_body(load) for load in self.loads],
+            "load_bodies": [self.load_body(load) for load in self.loads],
             "muscle_parameters": self._muscle_parameters(),
             "actuator_parameters": {
                 "optimal_force": [float(actuator.getOptimalForce()) for actuator in self.actuators],
@@ -1273,6 +1347,336 @@ class VirtualRotations:
             torque, force = generalized[:3], generalized[3:]
             arms[i] = axis @ (torque + np.cross(shift - center, force))
         return arms
+
+
+# -------------------------------------------------------------------------------- coordinate derivatives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stencil:
+    """What is computed at one point of the stencil.
+
+    Attributes
+    ----------
+    arms : ndarray, shape (n_chosen, n) [m]
+        Moment arms of the muscles asked for.
+    sizes : ndarray of int, shape (n,)
+        Numbers of points of their paths.
+    loads, passive : ndarray, shape (n_chosen,) [N·m]
+        Generalized forces of weights and external loads, and of passive elements, at rest.
+    """
+
+    arms: Array
+    sizes: NDArray[np.int64]
+    loads: Array
+    passive: Array
+
+
+def _close(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Tell which derivatives of moment arms agree."""
+    size = np.maximum(np.abs(one), np.abs(other))
+    return np.abs(one - other) <= SAME_SLOPE + SAME_SLOPE_SHARE * size
+
+
+class CoordinateDerivatives:
+    """Derivatives of moment arms, loads and passive forces with respect to chosen free coordinates.
+
+    Central differences of OpenSim's own moment arms, reduced to the free coordinates at every point of the
+    stencil, so that dependent coordinates follow their constraints. Where a path changes its points or two
+    steps disagree, the side or step without the artefact is taken and the muscle is marked.
+    """
+
+    def __init__(self, engine: Engine, chosen: list[str]) -> None:
+        self.engine = engine
+        self._depends = self._dependence()
+        self.columns = self._choose(chosen)
+        self.names = [engine.coordinate_names[engine.free[c]] for c in self.columns]
+        self._depends = self._depends[:, self.columns]
+        self._smooth = np.array([self._is_smooth(engine.free[c]) for c in self.columns], dtype=bool)
+        osim = engine.osim
+        self.state = osim.State(engine.state)
+        for load in engine.loads:
+            load.setAppliesForce(self.state, False)
+        self._rest = osim.Vector(engine.n_u, 0.0)
+        self._no_acceleration = np.zeros(engine.n_u)
+        self._unconstrained = np.zeros((0, engine.n_u))
+        self._gravity = np.array(engine.model.getGravity().to_numpy())
+        self._origin = osim.Vec3(0)
+        self._heavy = [b for b in self._moved_bodies() if engine.body_masses[b] > 0]
+        self._centers = {b: osim.Vec3(*engine.mass_centers[b].tolist()) for b in self._heavy}
+        self._load_bodies = [engine.load_body(load) for load in engine.loads]
+        #: frames in which each muscle's curvature is uncertain
+        self.uncertain = np.zeros(len(engine.muscles), dtype=np.int64)
+
+    # -- what depends on what
+
+    def _dependence(self) -> NDArray[np.bool_]:
+        """Tell which muscles' lengths depend on which free coordinates, shape (n_muscles, n_free)."""
+        engine = self.engine
+        followers = self._followers()
+        depends = np.zeros((len(engine.muscles), len(engine.free)), dtype=bool)
+        for m, geometry in enumerate(engine.geometry):
+            if geometry is None:
+                depends[m] = True
+                continue
+            bodies, drivers = engine.path_bodies(m), self._path_coordinates(geometry)
+            for c, k in enumerate(engine.free.tolist()):
+                for moved in followers[k]:
+                    distal = engine.distal_bodies(engine.child_of_coordinate(moved))
+                    if moved in drivers or len({body in distal for body in bodies}) == 2:
+                        depends[m, c] = True
+                        break
+        return depends
+
+    def _moved_bodies(self) -> list[int]:
+        """Return the bodies that move with any chosen coordinate."""
+        engine, followers = self.engine, self._followers()
+        moved = {k for c in self.columns for k in followers[int(engine.free[c])]}
+        return sorted(set().union(*(engine.distal_bodies(engine.child_of_coordinate(k)) for k in moved)))
+
+    def _followers(self) -> dict[int, set[int]]:
+        """Return every coordinate that moves with each free one, itself included."""
+        engine = self.engine
+        coupled = {target for target, *_ in engine.couplers}
+        loops = {k for k in np.flatnonzero(engine.dependent).tolist() if k not in coupled}
+        loops = {k for k in loops if not engine.is_set_by_model[k]}
+        followers = {k: {k} | loops for k in engine.free.tolist()}
+        for _ in range(max(len(engine.couplers), 1)):
+            for target, where, *_ in engine.couplers:
+                for moved in followers.values():
+                    if moved & set(where):
+                        moved.add(target)
+        return followers
+
+    def _path_coordinates(self, geometry: Any) -> set[int]:
+        """Return the coordinates that moving and conditional points of a path look at."""
+        engine, osim = self.engine, self.engine.osim
+        found = set()
+        points = geometry.getPathPointSet()
+        for i in range(points.getSize()):
+            for kind, sockets in (
+                ("MovingPathPoint", ("x_coordinate", "y_coordinate", "z_coordinate")),
+                ("ConditionalPathPoint", ("coordinate",)),
+            ):
+                if points.get(i).getConcreteClassName() != kind:
+                    continue
+                point = getattr(osim, kind).safeDownCast(points.get(i))
+                for socket in sockets:
+                    if point.getSocket(socket).isConnected():
+                        name = osim.Coordinate.safeDownCast(point.getConnectee(socket)).getName()
+                        found.add(engine.coordinate_names.index(name))
+        return found
+
+    def _choose(self, chosen: list[str]) -> list[int]:
+        engine = self.engine
+        free = [engine.coordinate_names[k] for k in engine.free]
+        if chosen == ["all"]:
+            return np.flatnonzero(self._depends.any(axis=0)).tolist()
+        for name in chosen:
+            if name in free:
+                continue
+            if name in engine.coordinate_names:
+                raise Refusal(
+                    f"curvature_coordinates names {name!r}, which the model locks, prescribes or couples to "
+                    f"others (free: {', '.join(free)})"
+                )
+            raise Refusal(
+                f"unknown coordinate {name!r} in curvature_coordinates (free: {', '.join(free)})",
+                "NameMismatchError",
+            )
+        return [free.index(name) for name in chosen]
+
+    def _is_smooth(self, k: int) -> bool:
+        """Tell whether a coordinate moves its joint by straight lines and circles only."""
+        engine, osim = self.engine, self.engine.osim
+        if any(k in where for _, where, *_ in engine.couplers) or self._followers()[k] != {k}:
+            return False
+        custom = osim.CustomJoint.safeDownCast(engine.coordinates[k].getJoint())
+        if custom is None:
+            return engine.coordinates[k].getJoint().getConcreteClassName() in SMOOTH_JOINTS
+        transform = custom.getSpatialTransform()
+        functions = [transform.getTransformAxis(i).getFunction() for i in range(6)]
+        return all(self._is_linear(function) for function in functions)
+
+    def _is_linear(self, function: Any) -> bool:
+        multiplier = self.engine.osim.MultiplierFunction.safeDownCast(function)
+        inner = function if multiplier is None else multiplier.getFunction()
+        return inner.getConcreteClassName() in ("LinearFunction", "Constant")
+
+    # -- one frame
+
+    def frame(self, frame: dict[str, Array]) -> dict[str, Array]:
+        """Return the derivatives at the pose that the engine is in."""
+        engine, n = self.engine, len(self.columns)
+        n_muscles = len(engine.muscles)
+        self._take_pose()
+        self._load_points = self._points_in_bodies(frame)
+        slopes = np.zeros((n, n, n_muscles))
+        loads, passive = np.zeros((n, n)), np.zeros((n, n))
+        is_uncertain = np.zeros(n_muscles, dtype=bool)
+        base = frame["moment_arms"][self.columns]
+        sizes = self._sizes(np.arange(n_muscles))
+        for j in range(n):
+            muscles = np.flatnonzero(self._depends[:, j])
+            plain = muscles[[self._smooth[j] and not engine.moves[m] for m in muscles]]
+            others = np.setdiff1d(muscles, plain)
+            order = np.concatenate([plain, others])
+            near = [self._at(j, sign * STEP, order, frame) for sign in (-1, 1)]
+            slopes[:, j, order] = (near[1].arms - near[0].arms) / (2 * STEP)
+            loads[:, j] = -(near[1].loads - near[0].loads) / (2 * STEP)
+            passive[:, j] = -(near[1].passive - near[0].passive) / (2 * STEP)
+            if others.size:
+                last = slice(len(plain), None)
+                slopes[:, j, others], doubtful = self._judge(
+                    j,
+                    others,
+                    base[:, others],
+                    sizes[others],
+                    [point.arms[:, last] for point in near],
+                    [point.sizes[last] for point in near],
+                )
+                is_uncertain[others] |= doubtful
+            self._move(j, 0.0)
+        # a muscle's own rows only: beyond wraps OpenSim has traces of moment arms that no length follows
+        slopes *= self._depends.T[:, None, :] & self._depends.T[None, :, :]
+        asymmetry = np.abs(slopes - slopes.transpose(1, 0, 2)).max(axis=(0, 1), initial=0.0)
+        self.uncertain += is_uncertain
+        return {
+            # adding zero turns -0 into 0
+            "path_curvature": -(slopes + slopes.transpose(1, 0, 2)) / 2 + 0.0,
+            "load_stiffness": (loads + loads.T) / 2 + 0.0,
+            "passive_stiffness": (passive + passive.T) / 2 + 0.0,
+            "asymmetry": asymmetry,
+            "is_uncertain": is_uncertain,
+        }
+
+    def _judge(
+        self,
+        j: int,
+        muscles: NDArray[np.int64],
+        base: Array,
+        sizes: NDArray[np.int64],
+        near: list[Array],
+        near_sizes: list[NDArray[np.int64]],
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Compare two steps on both sides; return the better slopes and the muscles that are uncertain.
+
+        Parameters
+        ----------
+        j : int
+            Chosen coordinate that moves.
+        muscles : ndarray of int, shape (n,)
+        base : ndarray, shape (n_chosen, n) [m]
+            Moment arms in the frame.
+        sizes : ndarray of int, shape (n,)
+            Numbers of path points in the frame.
+        near, near_sizes : list of two ndarray
+            Moment arms and numbers of path points at -STEP and +STEP.
+        """
+        far = [self._at(j, sign * WIDE_STEP, muscles) for sign in (-1, 1)]
+        small = (near[1] - near[0]) / (2 * STEP)
+        large = (far[1].arms - far[0].arms) / (2 * WIDE_STEP)
+        slopes = small.copy()
+        agree = _close(small, large).all(axis=0)
+        same = [(near_sizes[i] == sizes) & (far[i].sizes == sizes) for i in range(2)]
+        doubtful = ~(agree & same[0] & same[1])
+        if not doubtful.any():
+            return slopes, doubtful
+        clean, one_sided = [], []
+        for i, sign in enumerate((-1.0, 1.0)):
+            short = sign * (near[i] - base) / STEP
+            long = sign * (far[i].arms - base) / WIDE_STEP
+            clean.append(same[i] & _close(short, long).all(axis=0))
+            # the parabola through three points, its slope at the frame
+            one_sided.append((short * WIDE_STEP - long * STEP) / (WIDE_STEP - STEP))
+        for i in range(2):
+            alone = doubtful & clean[i] & ~clean[1 - i]
+            slopes[:, alone] = one_sided[i][:, alone]
+        neither = doubtful & ~clean[0] & ~clean[1]
+        if neither.any():
+            wide = [self._at(j, sign * WIDEST_STEP, muscles[neither]).arms for sign in (-1, 1)]
+            slopes[:, neither] = (wide[1] - wide[0]) / (2 * WIDEST_STEP)
+        return slopes, doubtful
+
+    def _take_pose(self) -> None:
+        """Take the engine's pose, at rest."""
+        state = self.state
+        state.setTime(self.engine.state.getTime())
+        state.setQ(self.engine.state.getQ())
+        state.setU(self._rest)
+        self.engine.model.realizePosition(state)
+        self._values = [coordinate.getValue(state) for coordinate in self.engine.coordinates]
+
+    def _move(self, j: int, step: float) -> None:
+        """Move one chosen coordinate away from the frame's pose; dependent ones follow."""
+        engine, state = self.engine, self.state
+        values = np.array(self._values)
+        k = int(engine.free[self.columns[j]])
+        values[k] += step
+        engine.follow(values)
+        for i in {k, *np.flatnonzero(engine.dependent).tolist()}:
+            if not engine.is_locked[i]:
+                engine.coordinates[i].setValue(state, float(values[i]), False)
+        engine.model.realizePosition(state)
+        if engine.is_constrained:
+            engine.close_loops(state)
+
+    def _at(
+        self, j: int, step: float, muscles: NDArray[np.int64], frame: dict[str, Array] | None = None
+    ) -> Stencil:
+        """Return moment arms over the chosen coordinates at a point of the stencil; loads for a frame."""
+        engine = self.engine
+        self._move(j, step)
+        constraints = engine.constraint_matrix(self.state) if engine.is_constrained else self._unconstrained
+        coupling = engine.coupling(constraints)[:, self.columns]
+        arms = coupling.T @ engine.path_columns(self.state, muscles)
+        loads = passive = np.zeros(len(self.columns))
+        if frame is not None:
+            weight, load = self._load_forces(frame)
+            loads = coupling.T @ (weight + load)
+            if engine.passives:
+                passive = -coupling.T @ (engine.inverse_dynamics(self._no_acceleration, self.state) + weight)
+        return Stencil(arms=arms, sizes=self._sizes(muscles), loads=loads, passive=passive)
+
+    def _sizes(self, muscles: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the numbers of path points; 0 for paths whose points never change."""
+        engine = self.engine
+        sizes = np.zeros(len(engine.muscles), dtype=np.int64)
+        for m in muscles:
+            geometry = engine.geometry[m]
+            if engine.moves[m] and geometry is not None:
+                sizes[m] = geometry.getCurrentPath(self.state).getSize()
+        return sizes[muscles]
+
+    def _points_in_bodies(self, frame: dict[str, Array]) -> list[Any]:
+        """Return where each external load acts, fixed to its body."""
+        rotations, origins = self.engine.poses
+        points = []
+        for body, point in zip(self._load_bodies, frame["load_points"], strict=True):
+            points.append(self.engine.osim.Vec3(*(rotations[body].T @ (point - origins[body])).tolist()))
+        return points
+
+    def _load_forces(self, frame: dict[str, Array]) -> tuple[Array, Array]:
+        """Return the generalized forces of weights and of external loads on every mobility, shape (n_u,)."""
+        engine, state = self.engine, self.state
+        origins = {b: engine.station(state, b, self._origin) for b in {*self._heavy, *self._load_bodies}}
+        weights: dict[int, tuple[Array, Array]] = {}
+        for b in self._heavy:
+            force = engine.body_masses[b] * self._gravity
+            arm = engine.station(state, b, self._centers[b]) - origins[b]
+            weights[b] = (np.cross(arm, force), force)
+        loads: dict[int, tuple[Array, Array]] = {}
+        for i, b in enumerate(self._load_bodies):
+            force = frame["load_forces"][i]
+            arm = engine.station(state, b, self._load_points[i]) - origins[b]
+            moment = np.cross(arm, force) + frame["load_torques"][i]
+            before = loads.get(b, (np.zeros(3), np.zeros(3)))
+            loads[b] = (before[0] + moment, before[1] + force)
+        nothing = np.zeros(engine.n_u)
+        return (
+            engine.generalized(state, weights) if weights else nothing,
+            engine.generalized(state, loads) if loads else nothing,
+        )
 
 
 if __name__ == "__main__":
