@@ -342,7 +342,7 @@ class MotionTrajectory:
         MotionTrajectory
             All else unchanged.
         """
-        if isinstance(start, int):
+        if isinstance(start, int | np.integer):
             return _select_frames(self, slice(start, stop))
         return _select_frames(self, np.array(list(start), dtype=np.int64))
 

@@ -24,8 +24,8 @@ class Constraint:
 
     @property
     def name(self) -> str:
-        """Name in reports."""
-        return type(self).__name__
+        """Name in reports: the term's label if it has one, or the name of its class."""
+        return getattr(self, "label", "") or type(self).__name__
 
     def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
         """Name unknowns that the term adds to every frame; none by default."""

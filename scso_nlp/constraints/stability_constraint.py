@@ -52,6 +52,8 @@ class StabilityConstraint(FrameConstraint):
     soft : float or None [objective per N·m/rad]
         If given, a row may miss its level at this price; the amounts are in
         ``solution.variables["<name>.missed"]``.
+    label : str
+        Name in reports, needed where a problem has two constraints of one kind.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class StabilityConstraint(FrameConstraint):
     level: float | Mapping[str, float] = 0.0
     passive_stiffness: Mapping[str, float] | None = None
     soft: float | None = None
+    label: str = ""
 
     def __post_init__(self) -> None:
         ProportionalStiffness(q=self.q)

@@ -41,6 +41,8 @@ class ActivationEffort(FrameObjective):
         mean of all muscles. A mapping goes from names or patterns with ``*`` to weights; later entries win.
     weight : float
         Weight of the whole term among other objectives.
+    label : str
+        Name in reports, needed where a problem has two of these.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class ActivationEffort(FrameObjective):
     exponent: float = 2.0
     weights: str | Mapping[str, float] | None = None
     weight: float = 1.0
+    label: str = ""
 
     def __post_init__(self) -> None:
         if not self.exponent >= 1:

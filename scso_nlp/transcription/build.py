@@ -98,6 +98,9 @@ class FrameProgram:
 
 _DT: Key = ("problem", "dt")
 
+#: Frames evaluated together; more would leave the processor's cache.
+_FRAMES_AT_ONCE = 128
+
 
 def describe(problem: MuscleForceProblem) -> FrameProgram:
     """Ask every term for its expressions on the symbols of one frame or of two."""
@@ -225,12 +228,16 @@ def evaluate(
     n = len(unknowns) - piece.is_pair
     if n == 0:
         return [np.zeros((0, function.nnz_out(i))) for i in range(function.n_out())]
-    columns = [ca.DM(unknowns[i : i + n].T) for i in range(len(piece.unknowns))]
-    for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
-        numbers = ca.DM(as_columns(arrays[key][offset : offset + n]))
-        columns.append(ca.reshape(numbers, symbol.size1(), symbol.size2() * n))
-    outputs = function.map(n)(*columns)
-    return [out.full().T for out in (outputs if isinstance(outputs, tuple) else (outputs,))]
+    parts: list[list[FloatArray]] = []
+    for start in range(0, n, _FRAMES_AT_ONCE):
+        size = min(_FRAMES_AT_ONCE, n - start)
+        columns = [ca.DM(unknowns[start + i : start + i + size].T) for i in range(len(piece.unknowns))]
+        for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
+            numbers = ca.DM(as_columns(arrays[key][start + offset : start + offset + size]))
+            columns.append(ca.reshape(numbers, symbol.size1(), symbol.size2() * size))
+        outputs = function.map(size)(*columns)
+        parts.append([out.full().T for out in (outputs if isinstance(outputs, tuple) else (outputs,))])
+    return [np.concatenate(outputs) for outputs in zip(*parts, strict=True)]
 
 
 @dataclass(frozen=True, kw_only=True)
