@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms, random_problem, stability_by_hand
+from helpers import evaluate_terms, random_problem, stability_by_hand, two_antagonists
 
 import scso_nlp as scso
 
@@ -76,7 +76,7 @@ def test_one_bare_name_is_one_joint_not_its_letters(rng):
 def test_two_stability_constraints_of_one_problem_are_told_apart_by_their_labels():
     problem = two_antagonists(5.0)
     stiffer = scso.JointStability(level=10.0, joints=("elbow",), axes=("z",), label="stiffer")
-    problem = replace(problem, constraints=(*problem.constraints, stiffer))
+    problem = dataclasses.replace(problem, constraints=(*problem.constraints, stiffer))
     rows = scso.solve_trajectory(problem).rows
     assert rows["stiffer"].value[0, 0] == pytest.approx(10.0, abs=1e-5)
     assert rows["JointStability"].value[0, 0] == pytest.approx(10.0, abs=1e-5)
