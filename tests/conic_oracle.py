@@ -1,0 +1,170 @@
+"""Problems with a matrix inequality, and their optima by the conic solver Clarabel, from plain arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import clarabel
+import numpy as np
+import scipy.sparse as sp
+from helpers import motion, muscle_parameters
+
+import scso_nlp as scso
+from scso_nlp.constraints import HessianStability
+from scso_nlp.trajectory import CoordinateCurvature
+
+#: Clarabel sees matrices divided by this [N·m/rad]; it stops at residuals of 1e-10 of what it sees.
+SCALE = 100.0
+
+
+def hessian_problem(
+    rng, *, n_coordinates=4, n_muscles=16, n_frames=4, exponent=2.0, reserve=None, stability=None
+):
+    """A smooth random motion whose loads topple it unless muscles stiffen it, in every direction.
+
+    Some 16 muscles for 4 coordinates are needed for a solution to exist.
+    """
+    n, m = n_coordinates, n_muscles
+    phase = np.linspace(0, 1, n_frames)
+    arms = rng.normal(0, 0.04, (n, m)) + rng.normal(0, 0.01, (n, m)) * np.sin(6 * phase)[:, None, None]
+    curvature = rng.normal(0, 0.03, (n, n, m))
+    curvature = (curvature + curvature.transpose(1, 0, 2)) / 2
+    load = -rng.uniform(5, 60, (n, n))
+    load = (load + load.T) / 4 - np.diag(rng.uniform(20, 120, n))
+    strength = rng.uniform(300, 1500, m)
+    moments = np.einsum("kcm,m->kc", arms, strength * rng.uniform(0.02, 0.15, m))
+    trajectory = motion(
+        arms, moments, actuator_columns=None if reserve is None else reserve * np.eye(n), length=0.2
+    )
+    trajectory = dataclasses.replace(
+        trajectory,
+        curvature=CoordinateCurvature(
+            coordinates=trajectory.coordinates,
+            path_curvature=curvature * (1 + 0.2 * np.cos(6 * phase))[:, None, None, None],
+            load_stiffness=np.broadcast_to(load, (n_frames, n, n)),
+            passive_stiffness=np.broadcast_to(np.diag(np.linspace(0.5, 2.0, n)), (n_frames, n, n)),
+            asymmetry=np.zeros((n_frames, m)),
+            is_uncertain=np.zeros((n_frames, m), dtype=bool),
+        ),
+    )
+    n_actuators = len(trajectory.actuators)
+    return scso.MuscleForceProblem(
+        trajectory=trajectory,
+        muscles=muscle_parameters(trajectory.muscles, strength),
+        actuators=scso.ActuatorParameters(
+            actuators=trajectory.actuators,
+            optimal_force=np.full(n_actuators, reserve or 0.0),
+            min_control=np.full(n_actuators, -np.inf),
+            max_control=np.full(n_actuators, np.inf),
+        ),
+        muscle_model=scso.NoPhysiology(),
+        objectives=(scso.ActivationEffort(exponent=exponent),),
+        constraints=(scso.MomentEquilibrium(), stability or HessianStability()),
+    )
+
+
+def hessian_by_hand(problem, k, tendon_force, stiffness, *, passive=0.0):
+    """H of one frame as the formula says it, muscle by muscle."""
+    trajectory, curvature = problem.trajectory, problem.trajectory.curvature
+    total = curvature.load_stiffness[k] + curvature.passive_stiffness[k] + passive
+    for m in range(len(trajectory.muscles)):
+        arm = trajectory.moment_arms[k, :, m]
+        total = total + tendon_force[m] * curvature.path_curvature[k, :, :, m]
+        total = total + stiffness[m] * np.outer(arm, arm)
+    return total
+
+
+def smallest_eigenvalue(problem, k, tendon_force, q=5.0, level=0.0, passive=0.0):
+    """Of H minus its levels in one frame, with stiffness proportional to force."""
+    stiffness = q * tendon_force / problem.trajectory.muscle_tendon_length[k]
+    hessian = hessian_by_hand(problem, k, tendon_force, stiffness, passive=passive)
+    n = len(hessian)
+    return np.linalg.eigvalsh(hessian - np.broadcast_to(level, n) * np.eye(n))[0]
+
+
+def solve_full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0, soft=None):
+    """Optimum of one frame under H - diag(level) ⪰ 0 with k = q F / L.
+
+    Returns (x, objective, missed) with x = (activations, controls), or None where there is no solution.
+    """
+    trajectory, muscles, actuators = problem.trajectory, problem.muscles, problem.actuators
+    strength, m, n_controls = muscles.max_isometric_force, muscles.n_muscles, actuators.n_actuators
+    n, size = m + n_controls, len(trajectory.coordinates)
+    zero = np.zeros(m)
+    matrices = []
+    for i in range(m):
+        unit = zero.copy()
+        unit[i] = strength[i]
+        one = hessian_by_hand(problem, k, unit, q * unit / trajectory.muscle_tendon_length[k])
+        matrices.append(one - hessian_by_hand(problem, k, zero, zero))
+    matrices += [np.zeros((size, size))] * n_controls
+    constant = hessian_by_hand(problem, k, zero, zero, passive=passive)
+    constant = constant - np.broadcast_to(level, size) * np.eye(size)
+    equations = np.hstack([trajectory.moment_arms[k] * strength, trajectory.actuator_generalized_forces[k]])
+    lower = np.concatenate([muscles.min_activation, actuators.min_control])
+    upper = np.concatenate([muscles.max_activation, actuators.max_control])
+    linear = np.zeros(n)
+    if soft is not None:
+        matrices.append(SCALE * np.eye(size))
+        equations = np.hstack([equations, np.zeros((len(equations), 1))])
+        lower, upper = np.append(lower, 0.0), np.append(upper, np.inf)
+        linear = np.append(linear, soft * SCALE)
+    x, objective = solve_conic(
+        problem.objectives[0].exponent,
+        n,
+        linear,
+        (equations, trajectory.generalized_forces[k]),
+        (lower, upper),
+        (np.array(matrices) / SCALE, constant / SCALE),
+    )
+    if x is None:
+        return None
+    return x[:n], objective, (x[n] * SCALE if soft is not None else 0.0)
+
+
+def solve_conic(exponent, n_powers, linear, equations, bounds, inequality):
+    """min sum |x_i|^p over the first unknowns + c'x, A x = b, bounds, K + sum x_i G_i ⪰ 0.
+
+    Returns (x, objective), or (None, None) where there is no solution.
+    """
+    n = linear.size
+    matrices, constant = inequality
+    size = len(constant)
+    upper_triangle = [(i, j) for j in range(size) for i in range(j + 1)]
+    weight = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in upper_triangle])
+    pick = tuple(np.array(upper_triangle).T)
+    low, high = np.isfinite(bounds[0]), np.isfinite(bounds[1])
+    eye = np.eye(n)
+    blocks = [equations[0], -eye[low], eye[high], -np.array([weight * g[pick] for g in matrices]).T]
+    right = [equations[1], -bounds[0][low], bounds[1][high], weight * constant[pick]]
+    cones = [
+        clarabel.ZeroConeT(len(equations[1])),
+        clarabel.NonnegativeConeT(int(low.sum() + high.sum())),
+        clarabel.PSDTriangleConeT(size),
+    ]
+    quadratic = np.zeros((n, n))
+    matrix, cost = np.vstack(blocks), linear
+    if exponent == 2:
+        quadratic[:n_powers, :n_powers] = 2 * np.eye(n_powers)
+    else:
+        # t >= |x|^p as the power cone t^(1/p) 1^(1 - 1/p) >= |x|
+        powers = np.zeros((3 * n_powers, n + n_powers))
+        offsets = np.zeros(3 * n_powers)
+        for i in range(n_powers):
+            powers[3 * i, n + i] = powers[3 * i + 2, i] = -1.0
+            offsets[3 * i + 1] = 1.0
+        matrix = np.vstack([np.hstack([matrix, np.zeros((len(matrix), n_powers))]), powers])
+        right.append(offsets)
+        cones += [clarabel.PowerConeT(1 / exponent) for _ in range(n_powers)]
+        quadratic = np.zeros((n + n_powers,) * 2)
+        cost = np.concatenate([linear, np.ones(n_powers)])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    answer = clarabel.DefaultSolver(
+        sp.csc_matrix(quadratic), cost, sp.csc_matrix(matrix), np.concatenate(right), cones, settings
+    ).solve()
+    if "Infeasible" in str(answer.status):
+        return None, None
+    assert str(answer.status) in ("Solved", "AlmostSolved"), str(answer.status)
+    return np.asarray(answer.x)[:n], float(answer.obj_val)
