@@ -61,9 +61,9 @@ class CompliantTendon(MuscleModel):
         takes the whole velocity of the path.
     short_fibers : "refuse" or "silence"
         What to do in frames in which a muscle has no equilibrium at any activation, because its path is
-        too short or its fiber outpulls the tendon at its shortest length or pushes. ``"silence"`` holds
-        the fiber at its shortest length, where the tendon has a force that does not depend on activation
-        (as a rule none), and logs the muscle's name.
+        too short for tendon and shortest fiber, or because damping makes its fiber push. ``"silence"``
+        holds the fiber at its shortest length, or where the tendon is just slack; the force of the tendon
+        there does not depend on activation and is zero as a rule. The log names the muscles.
 
     Raises
     ------
@@ -72,9 +72,11 @@ class CompliantTendon(MuscleModel):
 
     Notes
     -----
-    A muscle that has an equilibrium only up to some activation (the fiber reaches its shortest length) or
-    only from some activation on (damping slackens the tendon of a fiber that shortens) is held to those
-    activations; the log names the latter.
+    A muscle that has an equilibrium only up to some activation, at which its fiber reaches its shortest
+    length, is held to those activations. Damping may slacken the tendon of a fiber that shortens while it
+    is hardly active. Such a muscle has no force, and the fiber length found for it has no meaning, except
+    for DeGrooteFregly2016Muscle: its tendon curve is negative below slack length, so it is held to
+    activations that keep the tendon taut. The log names these muscles.
 
     References
     ----------
@@ -99,21 +101,25 @@ class CompliantTendon(MuscleModel):
             return ()
         names, optimal = problem.muscles.muscles, problem.muscles.optimal_fiber_length
         length = problem.trajectory.muscle_tendon_length
-        lower, guess, at_rest = np.zeros(length.shape), np.zeros(length.shape), np.zeros(length.shape, bool)
+        lower, upper, guess = (np.zeros(length.shape) for _ in range(3))
+        rests = np.zeros(length.shape, dtype=bool)
         for group in split.elastic:
             where = group.positions
-            resting = self._resting(group, problem)
-            at_rest[:, where] = resting
-            lower[:, where] = _shortest_along_tendon(group)
-            guess[:, where] = solve_equilibrium(
+            rest = self._rest(group, problem)
+            in_equilibrium = solve_equilibrium(
                 group.muscle,
-                np.full(resting.shape, _GUESS_ACTIVATION),
+                np.full(rest.fiber.shape, _GUESS_ACTIVATION),
                 length[:, where],
                 self._velocity(problem)[:, where],
             ).fiber_length_along_tendon
-        upper = np.where(at_rest, np.maximum(length, 2 * lower), length)
-        guess = np.where(at_rest, lower, np.clip(guess, lower * (1 + 1e-6), np.maximum(length, lower * 1.1)))
-        lower = np.where(at_rest, 0.5 * lower, lower)  # a row holds a resting fiber, not its bound
+            rests[:, where] = rest.is_at_rest
+            guess[:, where] = np.where(rest.is_at_rest, rest.fiber, in_equilibrium)
+            lower[:, where] = _shortest_along_tendon(group)
+            upper[:, where] = _longest_along_tendon(group, length[:, where])
+        # A row holds a fiber at rest, not its bounds.
+        upper = np.where(rests, 2 * guess, upper)
+        guess = np.clip(guess, lower * (1 + 1e-6), upper)
+        lower = np.where(rests, 0.5 * guess, lower)
         where = split.positions
         return (
             VariableSpec(
@@ -129,29 +135,26 @@ class CompliantTendon(MuscleModel):
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
         """Give what is known of the fibers beforehand, each of shape (n_frames, n_muscles).
 
-        ``velocity`` of the paths [m/s] that the fibers are to have; ``is_free`` [-], 0 where the fiber
-        rests at its shortest length, and ``resting_force`` [N] there; for rigid tendons what
-        :func:`rigid_fiber_data` gives.
+        ``velocity`` of the paths [m/s] that the fibers are to have; if some fiber has no equilibrium,
+        ``is_free`` [-], 0 for it and 1 else, with ``fiber_at_rest`` [m] and ``force_at_rest`` [N]; for
+        rigid tendons what :func:`rigid_fiber_data` gives.
         """
         split, velocity = _split(problem.muscles), self._velocity(problem)
         data = {"velocity": velocity}
         if split.rigid:
             data |= rigid_fiber_data(problem, split.rigid, velocity, short_fibers=self.short_fibers)
-        is_free, resting_force = np.ones(velocity.shape), np.zeros(velocity.shape)
+        at_rest = {
+            "is_free": np.ones(velocity.shape),
+            "fiber_at_rest": np.ones(velocity.shape),
+            "force_at_rest": np.zeros(velocity.shape),
+        }
         for group in split.elastic:
-            where = group.positions
-            rests = self._resting(group, problem, say=True)
-            is_free[:, where] = ~rests
-            columns = repeat_over_frames(group.muscle, len(velocity))
-            force = on_arrays(
-                lambda q, length, columns=columns: tendon_force(columns, q, length),
-                np.broadcast_to(_shortest_along_tendon(group), rests.shape),
-                problem.trajectory.muscle_tendon_length[:, where],
-            )
-            resting_force[:, where] = np.where(rests, np.maximum(force, 0.0), 0.0)
-        if (is_free == 0).any():
-            data |= {"is_free": is_free, "resting_force": resting_force}
-        return data
+            where, rest = group.positions, self._rest(group, problem)
+            self._report(rest, group, problem)
+            at_rest["is_free"][:, where] = ~rest.is_at_rest
+            at_rest["fiber_at_rest"][:, where] = rest.fiber
+            at_rest["force_at_rest"][:, where] = np.where(rest.is_at_rest, rest.force, 0.0)
+        return data if (at_rest["is_free"] == 1).all() else data | at_rest
 
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon force and fiber length of one frame."""
@@ -173,7 +176,7 @@ class CompliantTendon(MuscleModel):
             cosine[where] = q / fiber
             pull = tendon_force(muscle, q, frame.muscle_tendon_length[where])
             if "is_free" in frame.data:
-                pull = frame.data["is_free"][where] * pull + frame.data["resting_force"][where]
+                pull = frame.data["is_free"][where] * pull + frame.data["force_at_rest"][where]
             force[where] = pull
             passive[where] = (
                 muscle.max_isometric_force
@@ -203,8 +206,7 @@ class CompliantTendon(MuscleModel):
             )
             if "is_free" in frame.data:
                 is_free = frame.data["is_free"][where]
-                shortest = ca.DM(_shortest_along_tendon(group))
-                value = is_free * value + (1 - is_free) * (q / shortest - 1)
+                value = is_free * value + (1 - is_free) * (q / frame.data["fiber_at_rest"][where] - 1)
             residual[where] = value
         names = problem.muscles.muscles
         return Rows(
@@ -220,54 +222,94 @@ class CompliantTendon(MuscleModel):
         velocity = problem.trajectory.muscle_tendon_velocity
         return np.zeros(velocity.shape) if self.fiber_velocity == "zero" else velocity
 
-    def _resting(self, group: MuscleGroup, problem: MuscleForceProblem, *, say: bool = False) -> BoolArray:
-        """Tell where no activation has an equilibrium, shape (n_frames, n_group); refuse it if asked to."""
+    def _rest(self, group: MuscleGroup, problem: MuscleForceProblem) -> _Rest:
+        """Find the fibers of a group that have no equilibrium at any activation; refuse them if asked to."""
         muscles, where = problem.muscles, group.positions
         length = problem.trajectory.muscle_tendon_length[:, where]
         velocity = self._velocity(problem)[:, where]
         columns = repeat_over_frames(group.muscle, len(length))
+        shortest = np.broadcast_to(_shortest_along_tendon(group), length.shape)
         least, most = (
             np.broadcast_to(np.maximum(bound[where], _LEAST_ACTIVATION), length.shape)
             for bound in (muscles.min_activation, muscles.max_activation)
         )
         pull = on_arrays(
             lambda q, a, ell, v: equilibrium_residual(columns, q, a, ell, v),
-            np.broadcast_to(_shortest_along_tendon(group), length.shape),
+            shortest,
             least,
             length,
             velocity,
         )
-        too_short = pull >= 0.0
-        is_slack = np.zeros(length.shape, dtype=bool)
+        tension = on_arrays(lambda q, ell: tendon_force(columns, q, ell), shortest, length)
+        is_short: BoolArray = pull >= 0.0
+        is_slack = slack_at_least = np.zeros(length.shape, dtype=bool)
         if self.fiber_velocity == "from_path":
-            is_slack = solve_equilibrium(group.muscle, most, length, velocity).is_slack
-        for found, why in (
-            (too_short, "its path is too short: even at its shortest length the fiber outpulls the tendon"),
-            (is_slack, "its fiber shortens so fast that it pushes, and the tendon is slack"),
-        ):
-            if found.any():
-                frame, m = (int(i) for i in np.argwhere(found)[0])
-                names = [muscles.muscles[where[i]] for i in np.flatnonzero(found.any(axis=0))]
-                text = (
-                    f"{muscles.muscles[where[m]]!r} has no equilibrium at t = "
-                    f"{problem.trajectory.time[frame]:g} s at any activation, because {why} "
-                    f"(muscles: {', '.join(names)})"
-                )
-                if self.short_fibers == "refuse":
-                    raise DataError(f"{text}; check tendon_slack_length, or choose short_fibers='silence'")
-                if say:
-                    _LOG.warning("%s; they have the force of the tendon there", text)
-        rests: BoolArray = too_short | is_slack
-        if say and self.fiber_velocity == "from_path":
-            slack_at_rest = solve_equilibrium(group.muscle, least, length, velocity).is_slack & ~rests
-            if slack_at_rest.any():
-                names = [muscles.muscles[where[i]] for i in np.flatnonzero(slack_at_rest.any(axis=0))]
-                _LOG.warning(
-                    "the tendons of %s are slack at the least activation in some frames, because damping "
-                    "pushes while the fiber shortens; their activations are held to what keeps them taut",
-                    ", ".join(names),
-                )
-        return rests
+            is_slack, slack_at_least = (
+                solve_equilibrium(group.muscle, a, length, velocity).is_slack & ~is_short
+                for a in (most, least)
+            )
+        rest = _Rest(
+            is_short=is_short,
+            is_slack=is_slack,
+            slack_at_least=slack_at_least & ~is_slack,
+            fiber=np.where(is_slack, length - muscles.tendon_slack_length[where], shortest),
+            force=np.where(is_short, np.maximum(tension, 0.0), 0.0),
+        )
+        if self.short_fibers == "refuse" and rest.is_at_rest.any():
+            raise DataError(
+                f"{_no_equilibrium(rest, group, problem)}; check tendon_slack_length, or choose "
+                "short_fibers='silence'"
+            )
+        return rest
+
+    def _report(self, rest: _Rest, group: MuscleGroup, problem: MuscleForceProblem) -> None:
+        """Log which fibers have no equilibrium, or none at their least activation."""
+        if rest.is_at_rest.any():
+            _LOG.warning(
+                "%s; activation does not change their force there", _no_equilibrium(rest, group, problem)
+            )
+        if rest.slack_at_least.any():
+            _LOG.warning(
+                "the tendons of %s are slack at the least activation in some frames, because damping pushes "
+                "while the fiber shortens; %s",
+                _names(rest.slack_at_least, group, problem),
+                "activation is held to what keeps them taut"
+                if _least_stretch(group) > 0
+                else "they have no force while they are slack",
+            )
+
+
+class _Rest(NamedTuple):
+    """Fibers of a group that have no equilibrium, arrays of shape (n_frames, n_group)."""
+
+    is_short: BoolArray  #: the fiber at its shortest pulls as much as the tendon or more
+    is_slack: BoolArray  #: the fiber pushes at any activation
+    slack_at_least: BoolArray  #: the fiber pushes at its least activation only
+    fiber: FloatArray  #: length along the tendon at which the fiber rests then [m]
+    force: FloatArray  #: force of the tendon there, zero if it is slack [N]
+
+    @property
+    def is_at_rest(self) -> BoolArray:
+        """True where no activation has an equilibrium."""
+        return self.is_short | self.is_slack
+
+
+def _no_equilibrium(rest: _Rest, group: MuscleGroup, problem: MuscleForceProblem) -> str:
+    frame, m = (int(i) for i in np.argwhere(rest.is_at_rest)[0])
+    why = (
+        "its path is too short: the fiber at its shortest pulls as much as the tendon"
+        if rest.is_short[frame, m]
+        else "its fiber shortens so fast that it pushes, and the tendon is slack"
+    )
+    return (
+        f"{problem.muscles.muscles[group.positions[m]]!r} has no equilibrium at t = "
+        f"{problem.trajectory.time[frame]:g} s at any activation, because {why} "
+        f"(muscles: {_names(rest.is_at_rest, group, problem)})"
+    )
+
+
+def _names(found: BoolArray, group: MuscleGroup, problem: MuscleForceProblem) -> str:
+    return ", ".join(problem.muscles.muscles[group.positions[i]] for i in np.flatnonzero(found.any(axis=0)))
 
 
 class _Split(NamedTuple):
@@ -332,3 +374,18 @@ def _shortest_along_tendon(group: MuscleGroup) -> FloatArray:
         )
     )
     return np.maximum(np.sqrt(np.maximum(shortest**2 - width**2, 0.0)), _LEAST_FIBER * optimal)
+
+
+def _least_stretch(group: MuscleGroup) -> float:
+    """Tendon length over slack length below which the curve would push; 0 if it never does [-]."""
+    curves, shape = group.muscle.curves, group.muscle.curve_parameters
+    pushes = (ca.DM(curves.tendon_force_length(ca.DM(0.0), shape)).full() < 0.0).any()
+    return (
+        float(np.max(ca.DM(curves.inverse_tendon_force_length(ca.DM(0.0), shape)).full())) if pushes else 0.0
+    )
+
+
+def _longest_along_tendon(group: MuscleGroup, length: FloatArray) -> FloatArray:
+    """Longest fiber along the tendon at which the tendon does not push, shape (n_frames, n_group) [m]."""
+    slack = ca.DM(group.muscle.tendon_slack_length).full().ravel()
+    return length - _least_stretch(group) * slack

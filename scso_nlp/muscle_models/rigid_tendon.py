@@ -13,9 +13,10 @@ import numpy as np
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames, rigid_tendon_force_parts
-from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
+from scso_nlp.muscle_models.muscle_classes import MuscleGroup, curves_of, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import rigid_tendon_fiber
+from scso_nlp.muscles import MuscleParameters
 from scso_nlp.transcription.frame import Frame, MuscleState
 from scso_nlp.validation import BoolArray, FloatArray
 
@@ -46,8 +47,9 @@ class RigidTendon(MuscleModel):
 
     Notes
     -----
-    The physical force is not floored at zero, so that it stays affine: damping lets a fiber that shortens
-    fast push a little while it is not active. The log names the muscles that can, and how much.
+    Forces are not floored at zero, so that they stay affine. Damping lets a fiber that shortens fast push a
+    little while it is not active, and the force-velocity curve of DeGrooteFregly2016Muscle is negative
+    beyond the maximum contraction velocity. The log names the muscles that can push, and how much.
 
     Raises
     ------
@@ -79,7 +81,9 @@ class RigidTendon(MuscleModel):
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
         """Give capacity and passive force [N], and for the physical convention what the fibers do."""
         if self.convention == "opensim":
-            return {"active_force": problem.trajectory.active_force_capacity}
+            capacity = problem.trajectory.active_force_capacity
+            _report_pushing(np.minimum(capacity, 0.0), problem.muscles)
+            return {"active_force": capacity}
         _LOG.info("passive fiber force and damping are %s", self.passive_force.replace("_", " "))
         return rigid_fiber_data(
             problem,
@@ -135,27 +139,22 @@ def rigid_fiber_data(
     """
     names = ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity")
     data = {name: np.zeros(velocity.shape) for name in names}
-    can_push = np.zeros(velocity.shape)
     for group in groups:
         where = group.positions
         parts = _evaluate(group, problem, velocity[:, where], short_fibers)
         for name, values in zip(names, parts, strict=True):
             data[name][:, where] = values
-        at_rest = (
-            parts[1]
-            if _depends_on_activation(group)
-            else (parts[1] + problem.muscles.min_activation[where] * parts[0])
-        )
-        can_push[:, where] = np.maximum(-at_rest, 0.0)
     if passive_force == "left_out":
         data["passive_force"][:] = 0.0
-    elif can_push.any():
-        pushing = [problem.muscles.muscles[m] for m in np.flatnonzero(can_push.any(axis=0))]
-        _LOG.warning(
-            "damping lets fibers that shorten push by up to %.3g N at their least activation: %s",
-            can_push.max(),
-            ", ".join(pushing),
-        )
+    muscles = problem.muscles
+    least = np.where(
+        [curves_of(c).FORCE_VELOCITY_DEPENDS_ON_ACTIVATION for c in muscles.muscle_class],
+        0.0,  # its multiplier is never negative, and may vanish
+        np.minimum(
+            muscles.min_activation * data["active_force"], muscles.max_activation * data["active_force"]
+        ),
+    )
+    _report_pushing(np.minimum(data["passive_force"] + least, 0.0), muscles)
     return data
 
 
@@ -189,6 +188,17 @@ def rigid_fiber_state(frame: Frame, groups: Sequence[MuscleGroup]) -> MuscleStat
         fiber_length=data["fiber_length"],
         cos_pennation_angle=data["cos_pennation_angle"],
     )
+
+
+def _report_pushing(force: FloatArray, muscles: MuscleParameters) -> None:
+    """Log which muscles can push, shape (n_frames, n_muscles) [N], negative where they do."""
+    if force.any():
+        names = [muscles.muscles[m] for m in np.flatnonzero(force.any(axis=0))]
+        _LOG.warning(
+            "fibers that shorten fast can push by up to %.3g N, where the model has no floor: %s",
+            -force.min(),
+            ", ".join(names),
+        )
 
 
 def _depends_on_activation(group: MuscleGroup) -> bool:
