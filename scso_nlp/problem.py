@@ -10,6 +10,7 @@ import numpy as np
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError, ProblemError
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.rigid_tendon import RigidTendon
@@ -97,7 +98,7 @@ class MuscleForceProblem:
     def without_stability(self) -> MuscleForceProblem:
         """Drop the stability rows: plain static optimization of the same motion."""
         return replace(
-            self, constraints=tuple(t for t in self.constraints if not isinstance(t, JointStability))
+            self, constraints=tuple(t for t in self.constraints if not isinstance(t, StabilityConstraint))
         )
 
     def __str__(self) -> str:

@@ -20,19 +20,24 @@ SCALE = 100.0
 def hessian_problem(
     rng, *, n_coordinates=4, n_muscles=16, n_frames=4, exponent=2.0, reserve=None, stability=None
 ):
-    """A smooth random motion whose loads topple it unless muscles stiffen it, in every direction.
+    """A random motion whose loads topple it unless muscles stiffen it, in every direction.
 
-    Some 16 muscles for 4 coordinates are needed for a solution to exist.
+    Random activations between 0.1 and 0.5 solve it, with eigenvalues of 1 to 20 N·m/rad to spare.
     """
-    n, m = n_coordinates, n_muscles
+    n, m, q = n_coordinates, n_muscles, 5.0
     phase = np.linspace(0, 1, n_frames)
     arms = rng.normal(0, 0.04, (n, m)) + rng.normal(0, 0.01, (n, m)) * np.sin(6 * phase)[:, None, None]
     curvature = rng.normal(0, 0.03, (n, n, m))
     curvature = (curvature + curvature.transpose(1, 0, 2)) / 2
-    load = -rng.uniform(5, 60, (n, n))
-    load = (load + load.T) / 4 - np.diag(rng.uniform(20, 120, n))
+    curvature = curvature * (1 + 0.2 * np.cos(6 * phase))[:, None, None, None]
     strength = rng.uniform(300, 1500, m)
-    moments = np.einsum("kcm,m->kc", arms, strength * rng.uniform(0.02, 0.15, m))
+    force = strength * rng.uniform(0.1, 0.5, (n_frames, m))
+    moments = np.einsum("kcm,km->kc", arms, force)
+    passive = np.diag(np.linspace(0.5, 2.0, n))
+    per_newton = curvature + q / 0.2 * arms[:, :, None] * arms[:, None]
+    basis = np.linalg.qr(rng.normal(size=(n_frames, n, n)))[0]
+    spare = (basis * rng.uniform(1.0, 20.0, (n_frames, 1, n))) @ basis.transpose(0, 2, 1)
+    load = spare - passive - np.einsum("kijm,km->kij", per_newton, force)
     trajectory = motion(
         arms, moments, actuator_columns=None if reserve is None else reserve * np.eye(n), length=0.2
     )
@@ -40,9 +45,9 @@ def hessian_problem(
         trajectory,
         curvature=CoordinateCurvature(
             coordinates=trajectory.coordinates,
-            path_curvature=curvature * (1 + 0.2 * np.cos(6 * phase))[:, None, None, None],
-            load_stiffness=np.broadcast_to(load, (n_frames, n, n)),
-            passive_stiffness=np.broadcast_to(np.diag(np.linspace(0.5, 2.0, n)), (n_frames, n, n)),
+            path_curvature=curvature,
+            load_stiffness=(load + load.transpose(0, 2, 1)) / 2,
+            passive_stiffness=np.broadcast_to(passive, (n_frames, n, n)),
             asymmetry=np.zeros((n_frames, m)),
             is_uncertain=np.zeros((n_frames, m), dtype=bool),
         ),
