@@ -38,8 +38,10 @@ LIGHT_SEGMENT = 0.01
 SAME_TIME = 1e-6
 #: Half step of the virtual rotations about joint axes [rad]: rounding and truncation errors meet near it.
 VIRTUAL_STEP = 1e-4
-#: Half step of the derivatives along coordinates [rad or m], a wider one that must agree with it, and one
-#: that spans the artefacts where they do not.
+#: Half step of the derivatives along coordinates [rad or m], for points fixed to bodies and for loads.
+FINE_STEP = 2e-5
+#: For paths that wrap, move or follow splines: half step, a wider one that must agree with it, and one that
+#: spans the artefacts where they do not.
 STEP, WIDE_STEP, WIDEST_STEP = 1e-4, 1e-3, 1e-2
 #: Derivatives of moment arms agree if they differ by no more than this [m], or this share of the larger.
 SAME_SLOPE, SAME_SLOPE_SHARE = 1e-4, 1e-2
@@ -1414,6 +1416,9 @@ class CoordinateDerivatives:
         """Tell which muscles' lengths depend on which free coordinates, shape (n_muscles, n_free)."""
         engine = self.engine
         followers = self._followers()
+        distal = {
+            k: engine.distal_bodies(engine.child_of_coordinate(k)) for k in set().union(*followers.values())
+        }
         depends = np.zeros((len(engine.muscles), len(engine.free)), dtype=bool)
         for m, geometry in enumerate(engine.geometry):
             if geometry is None:
@@ -1421,11 +1426,10 @@ class CoordinateDerivatives:
                 continue
             bodies, drivers = engine.path_bodies(m), self._path_coordinates(geometry)
             for c, k in enumerate(engine.free.tolist()):
-                for moved in followers[k]:
-                    distal = engine.distal_bodies(engine.child_of_coordinate(moved))
-                    if moved in drivers or len({body in distal for body in bodies}) == 2:
-                        depends[m, c] = True
-                        break
+                depends[m, c] = any(
+                    moved in drivers or len({body in distal[moved] for body in bodies}) == 2
+                    for moved in followers[k]
+                )
         return depends
 
     def _moved_bodies(self) -> list[int]:
@@ -1520,21 +1524,12 @@ class CoordinateDerivatives:
             muscles = np.flatnonzero(self._depends[:, j])
             plain = muscles[[self._smooth[j] and not engine.moves[m] for m in muscles]]
             others = np.setdiff1d(muscles, plain)
-            order = np.concatenate([plain, others])
-            near = [self._at(j, sign * STEP, order, frame) for sign in (-1, 1)]
-            slopes[:, j, order] = (near[1].arms - near[0].arms) / (2 * STEP)
-            loads[:, j] = -(near[1].loads - near[0].loads) / (2 * STEP)
-            passive[:, j] = -(near[1].passive - near[0].passive) / (2 * STEP)
+            before, after = (self._at(j, sign * FINE_STEP, plain, frame) for sign in (-1, 1))
+            slopes[:, j, plain] = (after.arms - before.arms) / (2 * FINE_STEP)
+            loads[:, j] = -(after.loads - before.loads) / (2 * FINE_STEP)
+            passive[:, j] = -(after.passive - before.passive) / (2 * FINE_STEP)
             if others.size:
-                last = slice(len(plain), None)
-                slopes[:, j, others], doubtful = self._judge(
-                    j,
-                    others,
-                    base[:, others],
-                    sizes[others],
-                    [point.arms[:, last] for point in near],
-                    [point.sizes[last] for point in near],
-                )
+                slopes[:, j, others], doubtful = self._judge(j, others, base[:, others], sizes[others])
                 is_uncertain[others] |= doubtful
             self._move(j, 0.0)
         # a muscle's own rows only: beyond wraps OpenSim has traces of moment arms that no length follows
@@ -1551,13 +1546,7 @@ class CoordinateDerivatives:
         }
 
     def _judge(
-        self,
-        j: int,
-        muscles: NDArray[np.int64],
-        base: Array,
-        sizes: NDArray[np.int64],
-        near: list[Array],
-        near_sizes: list[NDArray[np.int64]],
+        self, j: int, muscles: NDArray[np.int64], base: Array, sizes: NDArray[np.int64]
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Compare two steps on both sides; return the better slopes and the muscles that are uncertain.
 
@@ -1570,21 +1559,18 @@ class CoordinateDerivatives:
             Moment arms in the frame.
         sizes : ndarray of int, shape (n,)
             Numbers of path points in the frame.
-        near, near_sizes : list of two ndarray
-            Moment arms and numbers of path points at -STEP and +STEP.
         """
-        far = [self._at(j, sign * WIDE_STEP, muscles) for sign in (-1, 1)]
-        small = (near[1] - near[0]) / (2 * STEP)
+        near, far = ([self._at(j, sign * step, muscles) for sign in (-1, 1)] for step in (STEP, WIDE_STEP))
+        slopes = (near[1].arms - near[0].arms) / (2 * STEP)
         large = (far[1].arms - far[0].arms) / (2 * WIDE_STEP)
-        slopes = small.copy()
-        agree = _close(small, large).all(axis=0)
-        same = [(near_sizes[i] == sizes) & (far[i].sizes == sizes) for i in range(2)]
+        agree = _close(slopes, large).all(axis=0)
+        same = [(near[i].sizes == sizes) & (far[i].sizes == sizes) for i in range(2)]
         doubtful = ~(agree & same[0] & same[1])
         if not doubtful.any():
             return slopes, doubtful
         clean, one_sided = [], []
         for i, sign in enumerate((-1.0, 1.0)):
-            short = sign * (near[i] - base) / STEP
+            short = sign * (near[i].arms - base) / STEP
             long = sign * (far[i].arms - base) / WIDE_STEP
             clean.append(same[i] & _close(short, long).all(axis=0))
             # the parabola through three points, its slope at the frame
@@ -1660,23 +1646,19 @@ class CoordinateDerivatives:
         """Return the generalized forces of weights and of external loads on every mobility, shape (n_u,)."""
         engine, state = self.engine, self.state
         origins = {b: engine.station(state, b, self._origin) for b in {*self._heavy, *self._load_bodies}}
-        weights: dict[int, tuple[Array, Array]] = {}
-        for b in self._heavy:
-            force = engine.body_masses[b] * self._gravity
-            arm = engine.station(state, b, self._centers[b]) - origins[b]
-            weights[b] = (np.cross(arm, force), force)
+        arms = [engine.station(state, b, self._centers[b]) - origins[b] for b in self._heavy]
+        forces = engine.body_masses[self._heavy, None] * self._gravity
+        moments = np.cross(np.reshape(arms, (-1, 3)), forces)
+        weights = {b: (moments[i], forces[i]) for i, b in enumerate(self._heavy)}
+        pairs = zip(self._load_bodies, self._load_points, strict=True)
+        arms = [engine.station(state, b, point) - origins[b] for b, point in pairs]
+        forces = frame["load_forces"]
+        moments = np.cross(np.reshape(arms, (-1, 3)), forces) + frame["load_torques"]
         loads: dict[int, tuple[Array, Array]] = {}
         for i, b in enumerate(self._load_bodies):
-            force = frame["load_forces"][i]
-            arm = engine.station(state, b, self._load_points[i]) - origins[b]
-            moment = np.cross(arm, force) + frame["load_torques"][i]
-            before = loads.get(b, (np.zeros(3), np.zeros(3)))
-            loads[b] = (before[0] + moment, before[1] + force)
-        nothing = np.zeros(engine.n_u)
-        return (
-            engine.generalized(state, weights) if weights else nothing,
-            engine.generalized(state, loads) if loads else nothing,
-        )
+            moment, force = loads.get(b, (np.zeros(3), np.zeros(3)))
+            loads[b] = (moment + moments[i], force + forces[i])
+        return engine.generalized(state, weights), engine.generalized(state, loads)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,8 @@ def run_static_optimization(question):
     tool.run()
 
 
-def moment_arms(question):
-    """Compute every moment arm by OpenSim's own moment arm solver."""
+def poses(question):
+    """Yield model and state in every pose asked for, coupled coordinates following."""
     model = opensim.Model(question["model"])
     state = model.initSystem()
     coordinates, couplers = model.getCoordinateSet(), []
@@ -24,7 +24,6 @@ def moment_arms(question):
         coupler = opensim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
         if coupler is not None:
             couplers.append(coupler)
-    result = []
     for values in question["values"]:
         for name, value in zip(question["coordinates"], values, strict=True):
             coordinates.get(name).setValue(state, value, False)
@@ -36,6 +35,14 @@ def moment_arms(question):
             dependent = coupler.getFunction().calcValue(opensim.Vector.createFromMat(independent))
             coordinates.get(coupler.getDependentCoordinateName()).setValue(state, dependent, False)
         model.realizePosition(state)
+        yield model, state
+
+
+def moment_arms(question):
+    """Compute every moment arm by OpenSim's own moment arm solver."""
+    result = []
+    for model, state in poses(question):
+        coordinates = model.getCoordinateSet()
         muscles = [model.getMuscles().get(name) for name in question["muscles"]]
         result.append(
             [
@@ -46,11 +53,44 @@ def moment_arms(question):
     np.savez(question["output"], moment_arms=np.array(result))
 
 
+def lengths(question):
+    """Read the length of every path."""
+    result = [
+        [model.getMuscles().get(name).getPath().getLength(state) for name in question["muscles"]]
+        for model, state in poses(question)
+    ]
+    np.savez(question["output"], lengths=np.array(result))
+
+
+def weights(question):
+    """Compute the generalized forces that hold the model still, all forces but gravity switched off."""
+    result = []
+    for model, state in poses(question):
+        names = [
+            name.removesuffix("/value").rsplit("/", 1)[-1]
+            for name in opensim.createStateVariableNamesInSystemOrder(model)
+            if name.endswith("/value")
+        ]
+        forces = model.getForceSet()
+        for i in range(forces.getSize()):
+            forces.get(i).setAppliesForce(state, False)
+        model.realizeVelocity(state)
+        still = opensim.Vector(len(names), 0.0)
+        moments = opensim.InverseDynamicsSolver(model).solve(state, still).to_numpy()
+        result.append([moments[names.index(name)] for name in question["coordinates"]])
+    np.savez(question["output"], weights=np.array(result))
+
+
 def main():
     """Answer the question given as JSON on the command line."""
     question = json.loads(sys.argv[1])
     opensim.Logger.setLevelString("Error")
-    {"static optimization": run_static_optimization, "moment arms": moment_arms}[question["kind"]](question)
+    {
+        "static optimization": run_static_optimization,
+        "moment arms": moment_arms,
+        "lengths": lengths,
+        "weights": weights,
+    }[question["kind"]](question)
 
 
 if __name__ == "__main__":
