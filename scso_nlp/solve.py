@@ -136,6 +136,9 @@ def _solve(
 ) -> Solution:
     if on_failure not in ("raise", "return"):
         raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
+    for term in (problem.muscle_model, *problem.constraints):
+        for note in term.notes(problem):
+            _LOG.info("%s: %s", problem.trajectory.name, note)
     if _rows_may_be_added(problem):
         options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
     solution, run = _solve_rows(_foreseeing(problem, guess), solver, guess, options)

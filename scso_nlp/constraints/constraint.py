@@ -35,6 +35,10 @@ class Constraint:
         """Give data per frame, each of shape (n_frames, …), for ``frame.data``; none by default."""
         return {}
 
+    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Say in sentences what a user should know of the choices made, once per solve; none by default."""
+        return ()
+
 
 class FrameConstraint(Constraint, abc.ABC):
     """Rows that look at one frame."""

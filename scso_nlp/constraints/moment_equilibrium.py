@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -16,8 +15,6 @@ from scso_nlp.validation import FloatArray
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
-
-_LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,18 +53,23 @@ class MomentEquilibrium(FrameConstraint):
 
     def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
         """Give the passive elements' share [N·m or N] if muscles are to carry it."""
+        if self.passive_elements == "taken_off":
+            return {}
+        return {"passive": problem.trajectory.passive_generalized_forces}
+
+    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Say what becomes of passive elements, if there are any that act."""
         trajectory = problem.trajectory
-        passive = trajectory.passive_generalized_forces
-        if passive.any():
-            _, c = np.unravel_index(np.abs(passive).argmax(), passive.shape)
-            _LOG.info(
-                "generalized forces of passive elements are %s the moment equilibrium (up to %.3g %s, %s)",
-                {"taken_off": "taken off", "left_in": "left in"}[self.passive_elements],
-                np.abs(passive).max(),
-                "N·m" if trajectory.is_rotational[c] else "N",
-                trajectory.coordinates[c],
-            )
-        return {} if self.passive_elements == "taken_off" else {"passive": passive}
+        passive = np.abs(trajectory.passive_generalized_forces)
+        if not passive.any():
+            return ()
+        _, c = np.unravel_index(passive.argmax(), passive.shape)
+        words = {"taken_off": "taken off", "left_in": "left in"}[self.passive_elements]
+        unit = "N·m" if trajectory.is_rotational[c] else "N"
+        return (
+            f"generalized forces of passive elements are {words} the moment equilibrium (up to "
+            f"{passive.max():.3g} {unit}, {trajectory.coordinates[c]})",
+        )
 
     def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
         """One row per free coordinate, in N·m (rotation) or N (translation)."""

@@ -156,6 +156,15 @@ class CompliantTendon(MuscleModel):
             at_rest["force_at_rest"][:, where] = np.where(rest.is_at_rest, rest.force, 0.0)
         return data if (at_rest["is_free"] == 1).all() else data | at_rest
 
+    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Say what becomes of passive fiber force, and which tendons are rigid."""
+        notes = ["passive fiber force and damping are included"]
+        names = problem.muscles.muscles
+        rigid = [names[m] for group in _split(problem.muscles).rigid for m in group.positions]
+        if rigid:
+            notes.append(f"tendons without an elastic curve are rigid: {', '.join(rigid)}")
+        return tuple(notes)
+
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon force and fiber length of one frame."""
         split, n = _split(problem.muscles), problem.muscles.n_muscles

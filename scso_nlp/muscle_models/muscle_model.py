@@ -32,6 +32,10 @@ class MuscleModel(abc.ABC):
         """Give data per frame, each of shape (n_frames, …), for ``frame.data``; none by default."""
         return {}
 
+    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Say in sentences what a user should know of the choices made, once per solve; none by default."""
+        return ()
+
     @abc.abstractmethod
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon forces and what else the model knows; ``frame.muscle`` is not set yet."""

@@ -84,7 +84,6 @@ class RigidTendon(MuscleModel):
             capacity = problem.trajectory.active_force_capacity
             _report_pushing(np.minimum(capacity, 0.0), problem.muscles)
             return {"active_force": capacity}
-        _LOG.info("passive fiber force and damping are %s", self.passive_force.replace("_", " "))
         return rigid_fiber_data(
             problem,
             muscle_groups(problem.muscles),
@@ -92,6 +91,12 @@ class RigidTendon(MuscleModel):
             passive_force=self.passive_force,
             short_fibers=self.short_fibers,
         )
+
+    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+        """Say what becomes of passive fiber force."""
+        if self.convention == "opensim":
+            return ("passive fiber force and damping are left out, as in OpenSim's static optimization",)
+        return (f"passive fiber force and damping are {self.passive_force.replace('_', ' ')}",)
 
     def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
         """Tendon force of one frame."""

@@ -141,7 +141,7 @@ def test_the_log_says_what_becomes_of_passive_forces_and_which_fibers_can_push(r
     with caplog.at_level("INFO", logger="scso_nlp"):
         scso.solve_trajectory(problem)
     said = [record.message for record in caplog.records if "passive fiber force" in record.message]
-    assert said == ["passive fiber force and damping are included"]
+    assert said == ["tiny: passive fiber force and damping are included"]
     least = rigid_force(problem, np.broadcast_to(problem.muscles.min_activation, (4, 8)))
     pushing = [name for name, low in zip(problem.muscles.muscles, least.min(axis=0), strict=True) if low < 0]
     assert pushing, "no muscle of the example pushes"
