@@ -194,7 +194,10 @@ class HessianStability(StabilityConstraint):
                 return self._matrix_program(terms.frames(which), here, (bounds[0][which], bounds[1][which]))
 
             first = program(model.unknowns, np.arange(part.size))
-            answer = solve_matrix_programs(first, None if near.is_quadratic else program)
+            if near.is_quadratic:
+                answer = solve_matrix_programs(first)
+            else:
+                answer = solve_matrix_programs(first, program, model.unknowns)
             multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
             found[part] = answer.is_solved
         return critical_turns(multiplier), found
@@ -208,7 +211,7 @@ class HessianStability(StabilityConstraint):
         force, force_slope = near.tendon_force()
         stiffness, stiffness_slope = near.quantity(f"{self.name}.muscle_stiffness")
         quadratic, linear = near.objective()
-        rows, least, most = near.affine_rows(without=self.name)
+        rows, least, most = near.rows(without=self.name)
         equal = (least == most).all(axis=0)
         matrices = np.zeros((n_frames, n, *eye.shape))
         for m, j, value in zip(force_slope.row, force_slope.column, force_slope.values.T, strict=True):

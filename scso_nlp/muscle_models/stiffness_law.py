@@ -10,18 +10,34 @@ import abc
 import fnmatch
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.muscle_models.curves import on_arrays
+from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
+from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
+from scso_nlp.muscle_models.pennation import clamped_rigid_tendon_fiber
+from scso_nlp.muscle_models.stiffness import (
+    SHORT_RANGE_CONSTANT,
+    fiber_stiffness,
+    in_series,
+    short_range_stiffness,
+    stiffness_along_tendon,
+    tendon_stiffness_at_force,
+)
 from scso_nlp.transcription.frame import Frame
 from scso_nlp.validation import FloatArray, positions
 
 if TYPE_CHECKING:
     from scso_nlp.problem import MuscleForceProblem
+
+#: A fiber is taken to be at least this long [optimal fiber lengths], where its path is too short for its
+#: tendon: OpenSim's own least length of fibers without pennation.
+_SHORTEST_FIBER = 0.01
 
 
 class StiffnessLaw(abc.ABC):
@@ -83,10 +99,148 @@ class ProportionalStiffness(StiffnessLaw):
             gains[hits or positions("muscle", [pattern], muscles)] = value
         if np.isnan(gains).any():
             left = ", ".join(name for name, value in zip(muscles, gains, strict=True) if np.isnan(value))
-            raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for the others")
+            raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for all")
         return gains
 
     def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
         """Stiffness of every muscle, affine in force."""
         gains = ca.DM(self.gains(problem.trajectory.muscles))
         return gains * frame.muscle.tendon_force / frame.muscle_tendon_length
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShortRangeStiffness(StiffnessLaw):
+    r"""Short-range stiffness of the fibers, in series with the tendon.
+
+    .. math:: k = \left(\frac1{k_{AT}} + \frac1{k_T(F)}\right)^{-1}, \quad
+              k_{AT} = \gamma \frac{F^M}{\ell_0^M} \cos^2\alpha + \frac{F^M}{\ell^M} \sin^2\alpha,
+              \quad F^M = F/\cos\alpha
+
+    Not affine in force, because the tendon stiffens with force; rows with it are nonlinear and exact.
+
+    Attributes
+    ----------
+    constant : float [-]
+        :math:`\gamma`.
+
+    Raises
+    ------
+    ProblemError
+        A constant that is not a positive number.
+    DataError
+        A muscle class without curves.
+
+    Notes
+    -----
+    Fiber length and pennation are the muscle model's where it has fibers; otherwise those that the motion
+    gives with a tendon of slack length. A muscle whose tendon has no elastic curve has the fiber's
+    stiffness along the tendon.
+
+    References
+    ----------
+    Cui, Perreault, Maas and Sandercock (2008), J Biomech 41:1945-1952.
+    """
+
+    constant: float = SHORT_RANGE_CONSTANT
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.constant) and self.constant > 0):
+            raise ProblemError(f"constant is {self.constant:g}, expected a positive number")
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Give fiber length and pennation with a rigid tendon."""
+        return _rigid_fibers(problem)
+
+    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+        """Stiffness of every muscle [N/m]."""
+        fiber_length, cosine = _fibers(frame)
+        stiffness = ca.SX(problem.muscles.n_muscles, 1)
+        for group in muscle_groups(problem.muscles):
+            where = group.positions.tolist()
+            stiffness[where] = short_range_stiffness(
+                group.muscle,
+                frame.muscle.tendon_force[where],
+                fiber_length[where],
+                cosine[where],
+                self.constant,
+            )
+        return stiffness
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiberStiffness(StiffnessLaw):
+    r"""Slope of the fibers' force-length curves at constant activation, in series with the tendon.
+
+    .. math:: k = \left(\frac1{k_{AT}} + \frac1{k_T(F)}\right)^{-1}, \quad
+              k_{AT} = \frac{F_0}{\ell_0^M} (a f_V f_L' + f_P') \cos^2\alpha
+                       + \frac{F^M}{\ell^M} \sin^2\alpha
+
+    What OpenSim reports as muscle stiffness. It is an order of magnitude below short-range stiffness, and
+    negative where fibers are longer than optimal, so it says little about posture.
+
+    Raises
+    ------
+    DataError
+        A muscle class without curves.
+
+    Notes
+    -----
+    Fibers as for :class:`ShortRangeStiffness`; their velocity is the path's share along the fiber.
+
+    References
+    ----------
+    OpenSim 4.6, ``Muscle.cpp``, calcMuscleStiffness.
+    """
+
+    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+        """Give fiber length and pennation with a rigid tendon."""
+        return _rigid_fibers(problem)
+
+    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+        """Stiffness of every muscle [N/m]."""
+        fiber_length, cosine = _fibers(frame)
+        stiffness = ca.SX(problem.muscles.n_muscles, 1)
+        for group in muscle_groups(problem.muscles):
+            where = group.positions.tolist()
+            muscle, force = group.muscle, frame.muscle.tendon_force[where]
+            velocity = frame.muscle_tendon_velocity[where] * cosine[where]
+            largest = muscle.optimal_fiber_length * muscle.max_contraction_velocity
+            activation = frame.activation[where]
+            multiplier = muscle.curves.force_velocity(velocity / largest, muscle.curve_parameters, activation)
+            fiber = fiber_stiffness(muscle, activation, fiber_length[where], multiplier)
+            along = stiffness_along_tendon(fiber, force / cosine[where], fiber_length[where], cosine[where])
+            elastic = muscle.curves.HAS_ELASTIC_TENDON
+            stiffness[where] = (
+                in_series(along, tendon_stiffness_at_force(muscle, force)) if elastic else along
+            )
+        return stiffness
+
+
+def _rigid_fibers(problem: MuscleForceProblem) -> dict[str, FloatArray]:
+    """Fiber length [m] and cosine of pennation with a tendon of slack length, (n_frames, n_muscles)."""
+    length = problem.trajectory.muscle_tendon_length
+    data = {"rigid_fiber_length": np.zeros(length.shape), "rigid_cos_pennation": np.ones(length.shape)}
+    for group in muscle_groups(problem.muscles):
+        fiber, cosine = _rigid_fibers_of(group, length[:, group.positions])
+        data["rigid_fiber_length"][:, group.positions] = fiber
+        data["rigid_cos_pennation"][:, group.positions] = cosine
+    return data
+
+
+def _rigid_fibers_of(group: MuscleGroup, length: FloatArray) -> tuple[FloatArray, FloatArray]:
+    muscle = repeat_over_frames(group.muscle, len(length))
+    limits = muscle.curve_parameters
+    if "maximum_pennation_angle" not in limits:
+        limits = {**limits, "maximum_pennation_angle": math.acos(0.1)}
+        muscle = replace(muscle, curve_parameters=limits)
+    fiber = on_arrays(lambda x: clamped_rigid_tendon_fiber(muscle, x, 0.0).fiber_length, length)
+    cosine = on_arrays(lambda x: clamped_rigid_tendon_fiber(muscle, x, 0.0).cos_pennation_angle, length)
+    optimal = np.asarray(ca.DM(group.muscle.optimal_fiber_length)).ravel()
+    return np.maximum(fiber, _SHORTEST_FIBER * optimal), cosine
+
+
+def _fibers(frame: Frame) -> tuple[ca.SX, ca.SX]:
+    """Fiber length and cosine of pennation: the muscle model's, or those of a rigid tendon."""
+    if frame.muscle.fiber_length is not None and frame.muscle.cos_pennation_angle is not None:
+        return frame.muscle.fiber_length, frame.muscle.cos_pennation_angle
+    return frame.data["rigid_fiber_length"], frame.data["rigid_cos_pennation"]

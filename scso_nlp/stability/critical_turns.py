@@ -40,6 +40,9 @@ _SHORTEST_STEP = 1e-8
 #: Added to the diagonal of the Newton equations, so that dependent equations can be solved.
 _REGULARIZATION = 1e-12
 
+#: A starting point keeps this share of the distance of two bounds, or this much of one, from them.
+_ROOM = 0.05
+
 #: Least slack of a bound or row at the starting point.
 _LEAST_SLACK = 1e-2
 
@@ -106,7 +109,9 @@ class MatrixProgramAnswer:
 Remodel = Callable[[FloatArray, IntArray], MatrixProgram]
 
 
-def solve_matrix_programs(program: MatrixProgram, remodel: Remodel | None = None) -> MatrixProgramAnswer:
+def solve_matrix_programs(
+    program: MatrixProgram, remodel: Remodel | None = None, start: FloatArray | None = None
+) -> MatrixProgramAnswer:
     """Solve all frames by a primal-dual interior-point method.
 
     Parameters
@@ -114,8 +119,10 @@ def solve_matrix_programs(program: MatrixProgram, remodel: Remodel | None = None
     program : MatrixProgram
     remodel : callable, optional
         For costs that are not quadratic and matrices that are not affine: called before every step, it
-        returns the program whose quadratic cost and affine matrix have the right values and derivatives
-        at the unknowns given. Rows and bounds must stay.
+        returns the program whose quadratic cost, affine rows and affine matrix have the right values and
+        derivatives at the unknowns given. Bounds must stay.
+    start : ndarray, shape (n_frames, n), optional
+        Unknowns to begin with; those close to a bound are moved inside.
 
     Returns
     -------
@@ -136,7 +143,7 @@ def solve_matrix_programs(program: MatrixProgram, remodel: Remodel | None = None
     multiplier = np.full(program.constant.shape, np.nan)
     is_solved = np.zeros(n_frames, dtype=bool)
     left = np.arange(n_frames)
-    point = _start(frames)
+    point = _start(frames, start)
     iterations = 0
     # An infeasible frame runs away until its numbers are not finite; that frame alone is then dropped.
     with np.errstate(all="ignore"):
@@ -319,13 +326,17 @@ def _with_numbers_for_fixed(program: MatrixProgram) -> MatrixProgram:
     )
 
 
-def _start(frames: _Frames) -> _Point:
-    """Unknowns in the middle of their bounds or one inside the only one; multipliers of one."""
+def _start(frames: _Frames, given: FloatArray | None) -> _Point:
+    """Unknowns as given, or in the middle of their bounds or one inside the only one; multipliers of one."""
     n = frames.linear.shape[1]
     low, high = frames.limits[:, :n], -frames.limits[:, n : 2 * n]
     has_low, has_high = frames.has_limit[:, :n], frames.has_limit[:, n : 2 * n]
     one_sided = np.where(has_low, low + 1.0, np.where(has_high, high - 1.0, 0.0))
     x = np.where(has_low & has_high, (low + high) / 2, one_sided)
+    if given is not None:
+        room = np.where(has_low & has_high, _ROOM * (high - low), _ROOM)
+        x = np.where(has_low, np.maximum(given, low + room), given)
+        x = np.where(has_high, np.minimum(x, high - room), x)
     one = np.broadcast_to(np.eye(frames.constant.shape[1]), frames.constant.shape)
     inside = frames.limited(x) - frames.limits
     return _Point(

@@ -49,8 +49,8 @@ class LocalModel:
     usable : ndarray of bool, shape (n_frames,)
         Frames that are solved (all of them at the starting point).
     is_quadratic : bool
-        True if the objective is at most quadratic and tendon forces and quantities are affine: then the
-        model is exact everywhere.
+        True if the objective is at most quadratic and rows, tendon forces and quantities are affine: then
+        the model is exact everywhere.
     coupling : pair of ndarray, shapes (n_frames, n, n) and (n_frames, n)
         Hessian and linear term that objectives of two frames add to each frame while its neighbours
         stay at the point.
@@ -64,6 +64,7 @@ class LocalModel:
     is_quadratic: bool
     costs: tuple[Derivatives, ...]
     columns: dict[str, Derivatives]
+    curved_rows: tuple[tuple[Derivatives, IntArray], ...]
     coupling: tuple[FloatArray, FloatArray]
 
     def frames(self, which: IntArray) -> LocalModel:
@@ -101,10 +102,11 @@ class LocalModel:
         linear = gradient - np.einsum("kij,kj->ki", hessian, self.unknowns)
         return hessian + self.coupling[0], linear + self.coupling[1]
 
-    def affine_rows(self, without: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Matrix (n_frames, n_rows, n), lower and upper bounds (n_frames, n_rows) of affine one-frame rows.
+    def rows(self, without: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Matrix (n_frames, n_rows, n), lower and upper bounds (n_frames, n_rows) of one-frame rows.
 
-        Rows of the term `without` and rows that have no unknown in any frame are left out.
+        Nonlinear rows are linearised. Rows of the term `without` and affine rows that have no unknown in
+        any frame are left out.
         """
         affine = self.split.affine
         n_frames, n = self.unknowns.shape
@@ -118,8 +120,19 @@ class LocalModel:
         entries = place[affine.row] >= 0
         matrix = np.zeros((n_frames, int(kept.sum()), n))
         matrix[:, place[affine.row[entries]], affine.column[entries]] = affine.values[:, entries]
-        constant = affine.constant[:, kept]
-        return matrix, lower[affine.rows[kept]] - constant, upper[affine.rows[kept]] - constant
+        parts, constants, numbers = [matrix], [affine.constant[:, kept]], [affine.rows[kept]]
+        for derivatives, rows in self.curved_rows:
+            own = terms[rows] != without
+            value, slopes = evaluate(
+                derivatives.piece, derivatives.function, self.unknowns, self.program.arrays
+            )
+            slope = np.zeros((n_frames, rows.size, n))
+            slope[:, derivatives.row, derivatives.column] = slopes
+            parts.append(slope[:, own])
+            constants.append((value - np.einsum("krj,kj->kr", slope, self.unknowns))[:, own])
+            numbers.append(rows[own])
+        number, constant = np.concatenate(numbers), np.concatenate(constants, axis=1)
+        return np.concatenate(parts, axis=1), lower[number] - constant, upper[number] - constant
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the unknowns of all frames of the problem, shape (n_frames, n)."""
@@ -172,6 +185,7 @@ def local_model(
             *((piece, piece.expression) for piece in columns.values()),
         )
     )
+    curved_rows = tuple((_first_order(piece), rows) for piece, rows in split.nonlinear if not piece.is_pair)
     n_frames, n = unknowns.shape
     coupling = np.zeros((n_frames, n, n)), np.zeros((n_frames, n))
     if is_solution:
@@ -191,9 +205,10 @@ def local_model(
         unknowns=unknowns,
         is_solution=is_solution,
         usable=usable,
-        is_quadratic=not curved,
+        is_quadratic=not (curved or curved_rows),
         costs=costs,
         columns={name: _first_order(piece) for name, piece in columns.items()},
+        curved_rows=curved_rows,
         coupling=coupling,
     )
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import pytest
 from conic_oracle import hessian_problem, smallest_eigenvalue, solve_full_frame
+from coupled_terms import Smoothness
+from lifted_stability import LiftedStability
 
 import scso_nlp as scso
 from scso_nlp.constraints import CoordinateStability, HessianStability
@@ -119,8 +119,6 @@ def test_frames_that_no_activation_stabilises_are_marked_infeasible(rng, solve):
 
 def test_coupled_frames_end_positive_semidefinite_at_no_more_cost_than_needed(rng):
     """With a cost on changes the turns of single frames are not those of the motion, until they are found."""
-    from coupled_terms import Smoothness
-
     problem = hessian_problem(rng, n_frames=4)
     coupled = dataclasses.replace(problem, objectives=(*problem.objectives, Smoothness(weight=0.01)))
     solution = scso.solve_trajectory(coupled)
@@ -128,62 +126,6 @@ def test_coupled_frames_end_positive_semidefinite_at_no_more_cost_than_needed(rn
         assert smallest_eigenvalue(problem, k, solution.tendon_force[k]) > -EIGENVALUE
     lifted = scso.solve_trajectory(with_stability(coupled, LiftedStability()))
     assert solution.objective == pytest.approx(lifted.objective, rel=OBJECTIVE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiftedStability(scso.FrameConstraint):
-    """H = L Lᵀ with a lower triangular L as further unknowns: another way to the same optimum."""
-
-    q: float = 5.0
-
-    def _pairs(self, problem):
-        n = len(problem.trajectory.curvature.coordinates)
-        return [(i, j) for i in range(n) for j in range(i + 1)]
-
-    def variables(self, problem):
-        pairs = self._pairs(problem)
-        guess = np.array([5.0 if i == j else 0.0 for i, j in pairs])
-        return (
-            scso.VariableSpec(
-                name="factor",
-                labels=tuple(f"factor_{i}_{j}" for i, j in pairs),
-                lower=np.where(guess > 0, 0.0, -np.inf),
-                guess=guess,
-                scale=5.0,
-            ),
-        )
-
-    def data(self, problem):
-        trajectory, pairs = problem.trajectory, self._pairs(problem)
-        curvature = trajectory.curvature
-        arms = trajectory.moment_arms
-        stiffness = self.q / trajectory.muscle_tendon_length
-        per_newton = [
-            curvature.path_curvature[:, i, j] + stiffness * arms[:, i] * arms[:, j] for i, j in pairs
-        ]
-        constant = curvature.load_stiffness + curvature.passive_stiffness
-        return {
-            "per_newton": np.stack(per_newton, axis=1),
-            "constant": np.stack([constant[:, i, j] for i, j in pairs], axis=1),
-        }
-
-    def rows(self, frame, problem):
-        pairs = self._pairs(problem)
-        n = pairs[-1][0] + 1
-        factor = ca.SX.zeros(n, n)
-        for entry, (i, j) in enumerate(pairs):
-            factor[i, j] = frame.variables["factor"][entry]
-        product = factor @ factor.T
-        square = ca.vertcat(*[product[i, j] for i, j in pairs])
-        hessian = frame.data["per_newton"] @ frame.muscle.tendon_force + frame.data["constant"]
-        return scso.Rows(
-            value=hessian - square,
-            lower=0.0,
-            upper=0.0,
-            names=[f"entry_{i}_{j}" for i, j in pairs],
-            unit="N·m/rad",
-            scale=10.0,
-        )
 
 
 @pytest.mark.parametrize("exponent", [2.0, 3.0])
