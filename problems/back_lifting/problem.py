@@ -45,7 +45,9 @@ RESERVE = 1.0
 EMG_MAP = Path(__file__).parent / "emg_map.toml"
 
 
-def make_problem(trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
+def make_problem(
+    trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 1, *, with_curvature: bool = False
+) -> MuscleForceProblem:
     """Describe one lift with stability rows about all axes of the six lumbar joints.
 
     Parameters
@@ -56,6 +58,8 @@ def make_problem(trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 
         Stiffness gain of all muscles.
     step_interval : int
         Take every n-th frame of the recording (15 per second).
+    with_curvature : bool
+        Extract the second derivatives of the paths too, which :func:`with_matrix_stability` needs.
 
     Returns
     -------
@@ -80,6 +84,7 @@ def make_problem(trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 
         final_time=float(moments.time[-1]),
         step_interval=step_interval,
         stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
+        curvature_coordinates=COORDINATES if with_curvature else (),
         name=trial,
         cache=motion_cache(),
     )

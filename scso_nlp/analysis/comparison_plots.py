@@ -16,7 +16,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from scso_nlp.analysis import style
 from scso_nlp.analysis.compare import EMG_LABEL, Comparison
@@ -369,6 +369,7 @@ def plot_sweep(
     *,
     label: str = "Stiffness gain q [-]",
     reference: str | None = None,
+    infeasible: Sequence[bool] = (),
 ) -> Figure:
     """Draw every group's mean activation against a parameter, e.g. q, on a logarithmic axis.
 
@@ -381,6 +382,9 @@ def plot_sweep(
     label : str
     reference : str, optional
         Label of the result without the parameter, e.g. plain static optimization; drawn as a level line.
+    infeasible : sequence of bool
+        One per value: True where some frame has no answer that keeps all rows, so that the result comes from
+        soft rows or reserves; drawn hollow.
 
     Returns
     -------
@@ -389,7 +393,8 @@ def plot_sweep(
     Raises
     ------
     DataError
-        Not one result per value, or values that are not positive and increasing.
+        Not one result per value, or values that are not positive and increasing, or `infeasible` of another
+        length.
     """
     labels = [name for name in comparison.labels if name != reference]
     if reference is not None and reference not in comparison.labels:
@@ -401,6 +406,9 @@ def plot_sweep(
         )
     if not (len(x) and x[0] > 0 and (np.diff(x) > 0).all()):
         raise DataError("the values of a sweep must be positive and increase")
+    hollow = np.array(infeasible or [False] * len(x), dtype=bool)
+    if hollow.shape != x.shape:
+        raise DataError(f"infeasible has {hollow.size} entries for {len(x)} values, expected one each")
     used = comparison.is_used
     figure, panels = style.panel_grid(
         len(comparison.groups), title=f"{comparison.results[0].name}: sensitivity"
@@ -409,7 +417,15 @@ def plot_sweep(
     for g, (group, panel) in enumerate(zip(comparison.group_names, panels, strict=True)):
         means = np.array([comparison.activity[name][used, g].mean() for name in labels])
         look = style.series_style(1)
-        panel.plot(x, means, "-o", color=look.color, markersize=3, linewidth=1.4, label="with stability rows")
+        panel.plot(x, means, "-", color=look.color, linewidth=1.4)
+        panel.plot(
+            x[~hollow], means[~hollow], "o", color=look.color, markersize=3.5, label="with stability rows"
+        )
+        if hollow.any():
+            panel.plot(
+                x[hollow], means[hollow], "o", color=look.color, markerfacecolor="white", markersize=3.5,
+                label="some rows missed",
+            )  # fmt: skip
         largest = max(largest, float(means.max()))
         for name, level, line, color in (
             (reference, None if reference is None else comparison.activity[reference][used, g].mean(), "--",
@@ -497,6 +513,7 @@ def plot_muscle_lines(
             panel.set_xlim(low[across] - margin, high[across] + margin)
             panel.set_ylim(low[up] - margin, high[up] + margin)
             panel.set_aspect("equal")
+            panel.xaxis.set_major_locator(MaxNLocator(3))
             panel.tick_params(labelsize=style.TEXT - 2, labelleft=column == 0)
             panel.spines[["top", "right"]].set_visible(False)
             if column == 0:

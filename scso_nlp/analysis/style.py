@@ -105,7 +105,7 @@ def panel_grid(n_panels: int, *, title: str, share_y: bool = True) -> tuple[Figu
     """
     n_columns = min(n_panels, max(1, math.ceil(math.sqrt(n_panels * 0.8))))
     n_rows = math.ceil(n_panels / n_columns)
-    gap, left, top, bottom, heading = (0.25 if share_y else 0.55), 0.62, 0.4, 0.85, 0.3
+    gap, left, top, bottom, heading = (0.25 if share_y else 0.55), 0.62, 0.24, 0.85, 0.3
     width = max(left + n_columns * (PANEL_WIDTH + gap), 4.6)
     height = top + n_rows * (PANEL_HEIGHT + heading) + bottom
     figure = Figure(figsize=(width, height), dpi=RESOLUTION)
