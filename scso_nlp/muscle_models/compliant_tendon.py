@@ -72,11 +72,10 @@ class CompliantTendon(MuscleModel):
 
     Notes
     -----
-    A muscle that has an equilibrium only up to some activation, at which its fiber reaches its shortest
-    length, is held to those activations. Damping may slacken the tendon of a fiber that shortens while it
-    is hardly active. Such a muscle has no force, and the fiber length found for it has no meaning, except
-    for DeGrooteFregly2016Muscle: its tendon curve is negative below slack length, so it is held to
-    activations that keep the tendon taut. The log names these muscles.
+    Tendons are taut: a muscle is held to activations at which fiber and tendon can be in equilibrium. One
+    that reaches its shortest fiber length at some activation cannot be more active. One whose damped fiber
+    shortens fast (``"from_path"``) cannot be less active than it takes to keep the tendon from going slack;
+    the log names these muscles. To let tendons go slack would leave the fiber's length to chance there.
 
     References
     ----------
@@ -280,11 +279,8 @@ class CompliantTendon(MuscleModel):
         if rest.slack_at_least.any():
             _LOG.warning(
                 "the tendons of %s are slack at the least activation in some frames, because damping pushes "
-                "while the fiber shortens; %s",
+                "while the fiber shortens; activation is held to what keeps them taut",
                 _names(rest.slack_at_least, group, problem),
-                "activation is held to what keeps them taut"
-                if _least_stretch(group) > 0
-                else "they have no force while they are slack",
             )
 
 
@@ -385,16 +381,10 @@ def _shortest_along_tendon(group: MuscleGroup) -> FloatArray:
     return np.maximum(np.sqrt(np.maximum(shortest**2 - width**2, 0.0)), _LEAST_FIBER * optimal)
 
 
-def _least_stretch(group: MuscleGroup) -> float:
-    """Tendon length over slack length below which the curve would push; 0 if it never does [-]."""
-    curves, shape = group.muscle.curves, group.muscle.curve_parameters
-    pushes = (ca.DM(curves.tendon_force_length(ca.DM(0.0), shape)).full() < 0.0).any()
-    return (
-        float(np.max(ca.DM(curves.inverse_tendon_force_length(ca.DM(0.0), shape)).full())) if pushes else 0.0
-    )
-
-
 def _longest_along_tendon(group: MuscleGroup, length: FloatArray) -> FloatArray:
-    """Longest fiber along the tendon at which the tendon does not push, shape (n_frames, n_group) [m]."""
-    slack = ca.DM(group.muscle.tendon_slack_length).full().ravel()
-    return length - _least_stretch(group) * slack
+    """Longest fiber along the tendon, at which the tendon is just taut, shape (n_frames, n_group) [m]."""
+    muscle = group.muscle
+    stretch = muscle.curves.inverse_tendon_force_length(
+        ca.DM.zeros(len(group.positions)), muscle.curve_parameters
+    )
+    return length - ca.DM(stretch * muscle.tendon_slack_length).full().ravel()

@@ -221,8 +221,8 @@ def test_a_fiber_that_pushes_is_refused_by_name_or_has_no_force(rng, caplog):
     assert "m2" in caplog.text
 
 
-def test_a_tendon_that_is_slack_at_rest_only_is_named_and_never_pushes(rng, caplog):
-    """Damped Millard muscles go slack, without force; De Groote muscles are held to what keeps them taut."""
+def test_muscles_whose_tendon_would_go_slack_are_named_and_held_to_what_keeps_it_taut(rng, caplog):
+    """Just taut, the active force along the tendon outweighs damping: a fL fV + fP = beta |v|."""
     problem = mixed_problem(rng, scso.CompliantTendon(fiber_velocity="from_path"))
     muscles = problem.muscles
     fastest = muscles.optimal_fiber_length * muscles.max_contraction_velocity
@@ -231,15 +231,16 @@ def test_a_tendon_that_is_slack_at_rest_only_is_named_and_never_pushes(rng, capl
         problem = with_paths(problem, 2, m, length[m], -0.5 * fastest[m])
     # Moments that ask for nothing, so that every muscle wants to be at rest.
     trajectory = dataclasses.replace(problem.trajectory, generalized_forces=np.zeros((4, 2)))
-    solution = scso.solve_trajectory(dataclasses.replace(problem, trajectory=trajectory))
+    problem = dataclasses.replace(problem, trajectory=trajectory)
+    solution = scso.solve_trajectory(problem)
     assert "the tendons of m2, m5 are slack at the least activation" in caplog.text
-    assert "they have no force while they are slack" in caplog.text
-    assert solution.activation[2, 1] < 0.05
-    assert solution.tendon_force[2, 1] == pytest.approx(0.0, abs=1e-6)
     assert "the tendons of m3 are slack at the least activation" in caplog.text
-    assert "activation is held to what keeps them taut" in caplog.text
-    assert solution.activation[2, 2] > 0.05
+    assert (solution.activation[2, [1, 2]] > 0.05).all()
     assert (solution.tendon_force[:, ELASTIC] > -1e-6).all()
+    np.testing.assert_allclose(solution.tendon_force[2, [1, 2]], 0.0, atol=1e-3)
+    along = along_tendon(problem, solution.variables[FIBERS])
+    pull = fiber_force(problem, along, velocity_of(problem), solution.activation)
+    np.testing.assert_allclose(pull[2, [1, 2]], 0.0, atol=1e-3)
 
 
 def test_unknown_choices_are_refused():
@@ -283,13 +284,16 @@ def test_fibers_are_in_equilibrium_in_every_frame_of_a_walk(walk, fiber_velocity
             problem.trajectory.muscle_tendon_velocity if fiber_velocity == "from_path" else 0.0,
         )
         error = np.abs(solution.tendon_force - expected.tendon_force) / problem.muscles.max_isometric_force
-        # Where the tendon is slack the fiber's force, not the tendon's, is what the residual bounds.
-        assert error[~expected.is_slack].max() < 1e-6
+        # Near slack tendons are soft: a residual of 1e-8 moves the fiber, and the force follows.
+        assert error.max() < 1e-6
 
 
 @pytest.mark.opensim
-def test_both_solvers_agree_on_a_walk_with_elastic_tendons(walk):
-    problem = scso.static_optimization(*walk, muscle_model=scso.CompliantTendon())
+@any_velocity
+def test_both_solvers_agree_on_a_walk_with_elastic_tendons(walk, fiber_velocity):
+    problem = scso.static_optimization(
+        *walk, muscle_model=scso.CompliantTendon(fiber_velocity=fiber_velocity)
+    )
     whole, single = (
         solve(problem, options=OPTIONS) for solve in (scso.solve_trajectory, scso.solve_framewise)
     )
