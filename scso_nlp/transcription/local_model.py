@@ -51,6 +51,12 @@ class LocalModel:
     is_quadratic : bool
         True if the objective is at most quadratic and rows, tendon forces and quantities are affine: then
         the model is exact everywhere.
+    costs : tuple of Derivatives
+        One-frame objectives with gradient and Hessian.
+    columns : mapping of str to Derivatives
+        Tendon forces and quantities with their Jacobians, by name.
+    curved_rows : tuple of (Derivatives, ndarray of int)
+        Nonlinear one-frame rows with their Jacobians, and their numbers.
     coupling : pair of ndarray, shapes (n_frames, n, n) and (n_frames, n)
         Hessian and linear term that objectives of two frames add to each frame while its neighbours
         stay at the point.
