@@ -107,7 +107,7 @@ def test_values_without_an_answer_that_keeps_all_rows_are_hollow():
     results = [make_result(f"q = {q}", level=1 / q) for q in (2, 5, 10)]
     sweep = [2, 5, 10]
     figure = drawn(plots.plot_sweep(comparison(results), sweep, infeasible=[True, False, False]))
-    found = {line.get_label(): line.get_xdata().tolist() for line in figure.axes[0].lines}
+    found = {line.get_label(): list(line.get_xdata()) for line in figure.axes[0].lines}
     assert found["some rows missed"] == [2]
     assert found["with stability rows"] == [5, 10]
     with pytest.raises(DataError, match="infeasible has 1 entries for 3 values"):
@@ -121,7 +121,7 @@ def test_a_sweep_has_a_point_per_value_and_a_line_for_the_reference():
     assert curve.get_xdata().tolist() == [2, 5, 10]
     assert curve.get_ydata() == pytest.approx(np.array([0.5, 0.2, 0.1]) + 0.02)
     assert [line.get_label() for line in levels] == ["with stability rows", "SO", "EMG"]
-    assert levels[0].get_ydata()[0] == pytest.approx(0.22)
+    assert levels[1].get_ydata()[0] == pytest.approx(0.22)
     for values, message in (([2, 5], "2 values and 3 results"), ([5, 2, 10], "positive and increase")):
         with pytest.raises(DataError, match=message):
             plots.plot_sweep(comparison(results), values, reference="SO")
