@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
 from scso_nlp.io.results import RunRecord, write_solution
 from scso_nlp.muscle_models import MuscleModel, NoPhysiology, RigidTendon
 from scso_nlp.objectives import ActivationEffort
@@ -147,20 +151,20 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
 
 
 def _load(settings: RunSettings, output: OutputSettings) -> Motion:
-    """Extract the motion, with OpenSim's own derivatives of moving paths for the stability rows."""
-    stability = settings.stability
-    load = functools.partial(load_motion, settings.motion, processes=output.processes, cache=output.cache)
-    if stability is None or stability.moving_paths == "frozen":
+    """Extract the motion with the derivatives that the stability rows need."""
+    stability, motion = settings.stability, settings.motion
+    load = functools.partial(load_motion, motion, processes=output.processes, cache=output.cache)
+    if isinstance(stability, CoordinateStability | HessianStability):
+        chosen = "all" if stability.coordinates is None else tuple(stability.coordinates)
+        return load(curvature_coordinates=chosen)
+    if not isinstance(stability, JointStability) or stability.moving_paths == "frozen":
         return load()
     joints = stability.joints
     if joints is None:
-        motion = load()
-        skeleton = motion[0].skeleton
-        if skeleton is None or not skeleton.path_point_moves.any():
-            return motion
-        joints = skeleton.joints
-    axes = tuple((joint, axis) for joint in joints for axis in stability.axes)
-    return load(stability_axes=axes)
+        # the names of the joints, from the first and last frame
+        skeleton = load(step_interval=sys.maxsize)[0].skeleton
+        joints = skeleton.joints if skeleton is not None else ()
+    return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 
 def _hashes(paths: tuple[Path, ...]) -> dict[str, str]:
@@ -171,4 +175,13 @@ def _notes(problem: MuscleForceProblem, settings: RunSettings) -> tuple[str, ...
     if settings.stability is None:
         return ()
     one_frame = problem.frames(0, 1)
-    return settings.stability.stability_rows(one_frame).notes
+    notes = settings.stability.stability_rows(one_frame).notes
+    curvature = problem.trajectory.curvature
+    if curvature is None:
+        return notes
+    frames = curvature.is_uncertain.any(axis=1)
+    if frames.any():
+        muscles = np.flatnonzero(curvature.is_uncertain.any(axis=0))
+        names = ", ".join(problem.trajectory.muscles[m] for m in muscles)
+        notes += (f"path curvature is uncertain in {frames.sum()} frames, where paths change: {names}",)
+    return (f"stability over the coordinates {', '.join(curvature.coordinates)}", *notes)

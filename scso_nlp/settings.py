@@ -15,13 +15,30 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from scso_nlp.constraints.coordinate_stability import CoordinateStability
+from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
+from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ShortRangeStiffness, StiffnessLaw
 from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, read_analyze_setup, with_changes
 from scso_nlp.transcription.ipopt import SolverOptions
+from scso_nlp.validation import positions, unique_names
 
-#: What the settings file may ask for in `stability` and `solver`.
-STABILITY_METHODS = ("off", "potvin-brown")
+#: Stability constraints by what the settings call them.
+STABILITY_METHODS: dict[str, type[StabilityConstraint]] = {
+    "potvin-brown": JointStability,
+    "diagonal": CoordinateStability,
+    "full": HessianStability,
+}
+#: Stiffness laws by what the settings call them; "proportional" is the one with `q`.
+STIFFNESS_LAWS: dict[str, type[StiffnessLaw]] = {
+    "short-range": ShortRangeStiffness,
+    "fiber": FiberStiffness,
+}
+#: What the settings file may ask for in `solver`.
 SOLVERS = ("trajectory", "framewise")
 
 
@@ -42,7 +59,7 @@ class RunSettings:
     muscle_physiology : bool
         Force-length-velocity as OpenSim's static optimization has it; otherwise force proportional to
         activation.
-    stability : JointStability or None
+    stability : StabilityConstraint or None
         None: plain static optimization.
     solver : "trajectory" or "framewise"
     options : SolverOptions
@@ -55,7 +72,7 @@ class RunSettings:
     exponent: float = 2.0
     weights: str | Mapping[str, float] | None = None
     muscle_physiology: bool = True
-    stability: JointStability | None = None
+    stability: StabilityConstraint | None = None
     solver: str = "trajectory"
     options: SolverOptions = field(default_factory=SolverOptions)
     sources: tuple[Path, ...] = ()
@@ -165,6 +182,15 @@ def _number_or_table(value: Any) -> float | dict[str, float]:
         raise ValueError("a number, or a table of name = number") from None
 
 
+def _table_or_path(value: Any) -> Path | dict[str, float]:
+    if isinstance(value, Mapping):
+        return {str(name): _number(item) for name, item in value.items()}
+    try:
+        return _path(value)
+    except ValueError:
+        raise ValueError("a table of name = number, or the path of a file") from None
+
+
 def _weights(value: Any) -> str | dict[str, float]:
     if isinstance(value, Mapping):
         return {str(name): _number(item) for name, item in value.items()}
@@ -238,8 +264,8 @@ KEYS: dict[str, Key] = {
         help='weights of activations, 1 by default: "volume", "pcsa" or e.g. { "soleus_*" = 2.0 }',
     ),
     "stability": Key(
-        group=_STABILITY, read=_one_of(*STABILITY_METHODS), example='"potvin-brown"',
-        help='"off" (default: plain static optimization) or "potvin-brown"',
+        group=_STABILITY, read=_one_of("off", *STABILITY_METHODS), example='"potvin-brown"',
+        help='"off" (default), "potvin-brown" (joint axes), "diagonal" (coordinates), "full" (Hessian)',
     ),
     "q": Key(
         group=_STABILITY, read=_number_or_table, example="5.0",
@@ -247,17 +273,35 @@ KEYS: dict[str, Key] = {
     ),
     "level": Key(
         group=_STABILITY, read=_number_or_table, example="0.0",
-        help='least stability [N.m/rad]; a number or e.g. { "knee_r_z" = 10.0 }',
+        help='least stability [N.m/rad]; a number or, by axis or coordinate, e.g. { "knee_r_z" = 10.0 }',
     ),
     "joints": Key(
-        group=_STABILITY, read=_names, example='["knee_r", "ankle_r"]', help="by default all joints"
+        group=_STABILITY, read=_names, example='["knee_r", "ankle_r"]',
+        help='of "potvin-brown": by default all joints',
     ),
     "axes": Key(
-        group=_STABILITY, read=_names, example='["x", "y", "z"]', help="by default all axes"
+        group=_STABILITY, read=_names, example='["x", "y", "z"]',
+        help='of "potvin-brown": axes of each joint, by default all',
     ),
     "moving_paths": Key(
         group=_STABILITY, read=_one_of("exact", "frozen"), example='"exact"',
-        help='points that slide on wrap surfaces: "exact" derivatives by OpenSim, or "frozen" to the bone',
+        help='of "potvin-brown": sliding points "exact" (derivatives by OpenSim) or "frozen" to the bone',
+    ),
+    "stability_coordinates": Key(
+        group=_STABILITY, read=_names, example='["knee_angle_r", "ankle_angle_r"]',
+        help='of "diagonal" and "full": by default all coordinates that muscles cross',
+    ),
+    "stiffness": Key(
+        group=_STABILITY, read=_one_of("proportional", *STIFFNESS_LAWS), example='"proportional"',
+        help='muscle stiffness: "proportional" (q), "short-range" or "fiber", both with the tendon in series',
+    ),
+    "passive": Key(
+        group=_STABILITY, read=_table_or_path, example='{ "knee_angle_r" = 5.0 }',
+        help="passive stiffness [N.m/rad] besides the model's own: a table by row, .toml, or .csv (matrix)",
+    ),
+    "soft": Key(
+        group=_STABILITY, read=_number, example="1.0",
+        help="levels may be missed at this price in the objective per N.m/rad; by default they may not",
     ),
     "solver": Key(
         group=_SOLVER, read=_one_of(*SOLVERS), example='"trajectory"',
@@ -285,7 +329,23 @@ KEYS: dict[str, Key] = {
 _MOTION_KEYS = frozenset(item.name for item in fields(MotionInput)) & KEYS.keys()
 #: Settings that the template does not comment out.
 _FILLED_IN = ("setup", "stability", "q", "level")
-_STABILITY_KEYS = ("q", "level", "joints", "axes", "moving_paths")
+#: Settings by stability method, and the names of their fields there.
+_ALL_METHODS = {
+    "q": "q",
+    "level": "level",
+    "stiffness": "stiffness",
+    "passive": "passive_stiffness",
+    "soft": "soft",
+}
+_AXES_ONLY = {name: name for name in ("joints", "axes", "moving_paths")}
+_COORDINATES_ONLY = {"stability_coordinates": "coordinates"}
+_STABILITY_KEYS = {
+    "off": {},
+    "potvin-brown": _ALL_METHODS | _AXES_ONLY,
+    "diagonal": _ALL_METHODS | _COORDINATES_ONLY,
+    "full": _ALL_METHODS | _COORDINATES_ONLY,
+}
+_ANY_STABILITY_KEY = _ALL_METHODS | _AXES_ONLY | _COORDINATES_ONLY
 
 
 def read_settings(
@@ -392,13 +452,16 @@ def _absolute(folder: Path, path: Path) -> Path:
 
 def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any]) -> None:
     """Raise if a stability setting would have no effect without anyone having said so."""
-    method = changed.get("stability", given.get("stability"))
-    idle = changed if method == "off" else {**given, **changed}
-    names = [name for name in _STABILITY_KEYS if name in idle]
-    if method in (None, "off") and names:
-        raise ProblemError(
-            f"{', '.join(names)} has no effect while stability is off, expected 'potvin-brown'"
-        )
+    method = changed.get("stability", given.get("stability", "off"))
+    # a file may keep settings of the method that it, or an option, replaces
+    is_chosen_anew = "stability" in changed or (method == "off" and "stability" in given)
+    said = changed if is_chosen_anew else {**given, **changed}
+    idle = [name for name in _ANY_STABILITY_KEY if name in said and name not in _STABILITY_KEYS[method]]
+    if not idle:
+        return
+    fitting = " or ".join(repr(m) for m, keys in _STABILITY_KEYS.items() if set(idle) <= keys.keys())
+    state = "off" if method == "off" else repr(method)
+    raise ProblemError(f"{', '.join(idle)} has no effect while stability is {state}, expected {fitting}")
 
 
 def _run_settings(given: Mapping[str, Any], source: Path) -> RunSettings:
@@ -411,17 +474,68 @@ def _run_settings(given: Mapping[str, Any], source: Path) -> RunSettings:
         motion = MotionInput(**changes)
     else:
         raise DataError(f"{source} names no motion, expected setup, or model and coordinates")
-    stability = None
-    if given.get("stability", "off") != "off":
-        stability = JointStability(**{name: given[name] for name in _STABILITY_KEYS if name in given})
     return RunSettings(
         motion=motion,
         analysis_name=setup.analysis_name if setup else "StaticOptimization",
         exponent=given.get("exponent", setup.activation_exponent if setup else 2.0),
         weights=given.get("weights"),
         muscle_physiology=given.get("muscle_physiology", setup.use_muscle_physiology if setup else True),
-        stability=stability,
+        stability=_stability(given),
         solver=given.get("solver", "trajectory"),
         sources=tuple(dict.fromkeys((source, *([given["setup"]] if setup else [])))),
         options=SolverOptions(**{k: given[k] for k in ("tolerance", "max_iterations") if k in given}),
     )
+
+
+def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
+    """Make the stability constraint that the settings describe."""
+    method = given.get("stability", "off")
+    if method == "off":
+        return None
+    values = {field: given[name] for name, field in _STABILITY_KEYS[method].items() if name in given}
+    law = values.pop("stiffness", "proportional")
+    if law != "proportional":
+        if "q" in given:
+            raise ProblemError(f"q has no effect on {law} stiffness, expected 'proportional'")
+        values["stiffness"] = STIFFNESS_LAWS[law]()
+    passive = values.get("passive_stiffness")
+    if isinstance(passive, Path) and passive.suffix.lower() == ".csv":
+        del values["passive_stiffness"]
+        values |= _passive_matrix(passive, method, values.get("coordinates"))
+    elif isinstance(passive, Path):
+        values["passive_stiffness"] = _passive_table(passive)
+    return STABILITY_METHODS[method](**values)
+
+
+def _passive_table(path: Path) -> dict[str, float]:
+    """Read passive stiffness by row from a TOML file."""
+    try:
+        return {str(name): _number(value) for name, value in _parse(path).items()}
+    except ValueError:
+        raise DataError(f"{path}: expected lines of the form name = number [N.m/rad]") from None
+
+
+def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> dict[str, Any]:
+    """Read a matrix of passive stiffness: a first line of coordinates, then one line of numbers each."""
+    if method != "full":
+        raise ProblemError(f"{path} couples coordinates, which only stability 'full' can use; expected .toml")
+    try:
+        lines = path.read_text(encoding="utf-8-sig").split("\n")
+        rows = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    names = unique_names("coordinate", rows[0] if rows else ())
+    try:
+        matrix = np.array([[float(cell) for cell in row] for row in rows[1:]])
+    except ValueError:
+        raise FileFormatError(f"{path}: expected a line of coordinates, then lines of numbers") from None
+    n = len(names)
+    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+        raise FileFormatError(f"{path}: expected {n} lines of {n} finite numbers below the names")
+    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+        raise DataError(f"{path}: the stiffness matrix is not symmetric")
+    chosen = names if chosen is None else chosen
+    full = np.zeros((len(chosen), len(chosen)))
+    where = positions("coordinate of the stability constraint", names, chosen)
+    full[np.ix_(where, where)] = matrix
+    return {"coordinates": chosen, "passive_matrix": full}

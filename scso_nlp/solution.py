@@ -74,7 +74,8 @@ class Shortfall:
         True if no activations within bounds can reach the row; False if it is the violation at the last
         iterate.
     helpers : tuple of str
-        Muscles and actuators that would help most, best first.
+        Muscles and actuators that would help most, best first; where the row is beyond reach, they would
+        help if they were stronger.
     """
 
     frame: int
@@ -88,9 +89,12 @@ class Shortfall:
 
     def __str__(self) -> str:
         short = f"{self.constraint}[{self.row}] short by {self.amount:.4g} {self.unit} at t = {self.time:g} s"
+        remedy = "would help"
         if self.proven:
             short += " (beyond reach at any activation)"
-        return short + (f"; would help: {', '.join(self.helpers)}" if self.helpers else "")
+            stiffer = " or stiffer (larger q)" if self.unit == "N·m/rad" else ""
+            remedy = f"would help if they were stronger{stiffer}"
+        return short + (f"; {remedy}: {', '.join(self.helpers)}" if self.helpers else "")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from scso_nlp.constraints import JointStability
+from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
 from scso_nlp.examples import example_folder, example_names
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
+from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.settings import KEYS, read_settings, template
 
@@ -56,7 +57,8 @@ def test_every_line_of_the_template_is_a_known_setting_with_a_readable_example()
 
 
 def test_every_property_of_a_motion_has_a_setting_but_those_the_run_fills_in_itself():
-    assert {item.name for item in fields(MotionInput)} - KEYS.keys() == {"stability_axes"}
+    filled_in = {"stability_axes", "curvature_coordinates"}
+    assert {item.name for item in fields(MotionInput)} - KEYS.keys() == filled_in
 
 
 def test_all_settings_arrive(tmp_path):
@@ -103,6 +105,65 @@ def test_all_settings_arrive(tmp_path):
     assert settings.sources == (path, SPINE / "setup.xml")
 
 
+def test_stability_along_coordinates_is_described_likewise(tmp_path):
+    text = """
+        stability = "diagonal"
+        stability_coordinates = ["knee_angle_r"]
+        stiffness = "short-range"
+        level = 2.0
+        passive = { "knee_angle_r" = 5.0 }
+        soft = 0.5
+        keep_coupled_speeds = false
+    """
+    settings, _ = read_settings(with_setup(tmp_path, text))
+    assert settings.stability == CoordinateStability(
+        coordinates=("knee_angle_r",),
+        stiffness=ShortRangeStiffness(),
+        level=2.0,
+        passive_stiffness={"knee_angle_r": 5.0},
+        soft=0.5,
+    )
+    assert settings.motion.keep_coupled_speeds is False
+    settings, _ = read_settings(with_setup(tmp_path, 'stability = "full"\nstiffness = "fiber"'))
+    assert settings.stability == HessianStability(stiffness=FiberStiffness())
+
+
+def test_passive_stiffness_comes_from_a_table_or_a_matrix(tmp_path):
+    (tmp_path / "passive.toml").write_text("a = 3\nb = 4.5\n")
+    (tmp_path / "passive.csv").write_text("a, b\n3, -1\n-1, 4.5\n")
+    by_row, _ = read_settings(with_setup(tmp_path, "stability = 'diagonal'\npassive = 'passive.toml'"))
+    assert by_row.stability.passive_stiffness == {"a": 3.0, "b": 4.5}
+    text = "stability = 'full'\npassive = 'passive.csv'\n"
+    coupled, _ = read_settings(with_setup(tmp_path, text))
+    assert coupled.stability.coordinates == ("a", "b")
+    assert coupled.stability.passive_matrix.tolist() == [[3, -1], [-1, 4.5]]
+    text += 'stability_coordinates = ["b", "c", "a"]'
+    coupled, _ = read_settings(with_setup(tmp_path, text))
+    assert coupled.stability.passive_matrix.tolist() == [[4.5, 0, -1], [0, 0, 0], [-1, 0, 3]]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "error", "message"),
+    [
+        ("p.csv", "a,b\n1,2\n3\n", FileFormatError, "expected a line of coordinates, then lines of numbers"),
+        ("p.csv", "a,b\n1,2\n", FileFormatError, "expected 2 lines of 2 finite numbers"),
+        ("p.csv", "a,b\n1,2\n3,1\n", DataError, "is not symmetric"),
+        ("p.csv", "a,a\n1,2\n2,1\n", DataError, "must be unique"),
+        ("p.csv", "a\none\n", FileFormatError, "expected a line of coordinates"),
+        ("p.toml", "a = 'stiff'", DataError, "expected lines of the form name = number"),
+        ("p.toml", "a = -1.0", ProblemError, "passive_stiffness of 'a' is -1"),
+        ("none.toml", None, DataError, "cannot be read"),
+        ("none.csv", None, DataError, "cannot be read"),
+    ],
+)
+def test_a_mistake_in_the_passive_stiffness_is_one_sentence(tmp_path, name, content, error, message):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(error, match=message) as caught:
+        read_settings(with_setup(tmp_path, f"stability = 'full'\npassive = '{name}'"))
+    assert "\n" not in str(caught.value)
+
+
 def test_a_motion_can_be_named_by_its_parts(tmp_path):
     (tmp_path / "model.osim").touch()
     path = settings_file(tmp_path, 'model = "model.osim"\ncoordinates = "a.mot"\nactuators = ["r.xml"]\n')
@@ -122,6 +183,8 @@ def test_options_win_over_the_file(tmp_path):
     assert output.folder == Path.cwd() / "b"
     settings, _ = read_settings(path, {"stability": "off"})
     assert settings.stability is None
+    settings, _ = read_settings(path, {"stability": "full"})
+    assert settings.stability == HessianStability(q=5.0)
 
 
 @pytest.mark.parametrize("name", ["elbow", "spine-load-height", "spine-postures"])
@@ -149,6 +212,22 @@ def test_the_settings_of_every_example_are_read(name):
         ("weights = 'heavy'", DataError, "expected 'volume' or 'pcsa'"),
         ("q = 3", ProblemError, "q has no effect while stability is off"),
         ("stability = 'potvin-brown'\nq = -1", ProblemError, "q is -1"),
+        (
+            "stability = 'full'\njoints = ['knee_r']",
+            ProblemError,
+            "joints has no effect while stability is 'full', expected 'potvin-brown'",
+        ),
+        (
+            "stability = 'potvin-brown'\nstability_coordinates = ['knee_angle_r']",
+            ProblemError,
+            "stability is 'potvin-brown', expected 'diagonal' or 'full'",
+        ),
+        (
+            "stability = 'full'\nstiffness = 'fiber'\nq = 5",
+            ProblemError,
+            "q has no effect on fiber stiffness",
+        ),
+        ("stability = 'full'\nsoft = 0", ProblemError, "soft is 0, expected a positive price"),
         ("tolerance = 2.0", ProblemError, "tolerance is 2"),
         ("a = ", FileFormatError, "is not TOML"),
     ],

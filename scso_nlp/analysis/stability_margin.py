@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import RowResult, Solution
+from scso_nlp.stability.hessian import smallest_eigenvalues
 from scso_nlp.transcription.build import describe
 from scso_nlp.transcription.check import row_results
 from scso_nlp.transcription.layout import PROBLEM
@@ -17,6 +19,8 @@ from scso_nlp.validation import BoolArray, FloatArray
 
 #: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
 ACTIVE_MARGIN = 1e-3
+#: Name of the row that stands for all combined turns.
+SMALLEST_EIGENVALUE = "smallest_eigenvalue"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,18 +30,25 @@ class StabilityMargin:
     Attributes
     ----------
     rows : tuple of str
-        ``"<joint>_<axis>"``, or what the constraint calls them.
+        ``"<joint>_<axis>"``, or what the constraint calls them. For the whole Hessian: its coordinates, and
+        ``"smallest_eigenvalue"`` of the Hessian minus levels.
     stability : ndarray, shape (n_frames, n_rows) [N·m/rad]
         NaN in frames that are not solved.
     level : ndarray, shape (n_rows,) [N·m/rad]
     multiplier : ndarray, shape (n_frames, n_rows) [rad/(N·m)]
         Cost in the objective per N·m/rad of extra stability; NaN where the solver gives none.
+    mode_coordinates : tuple of str
+        Coordinates of `mode`; empty unless there is a constraint on the whole Hessian.
+    mode : ndarray, shape (n_frames, n_mode_coordinates) [-]
+        Unit vector of the combined turn that is least stable; NaN in frames that are not solved.
     """
 
     rows: tuple[str, ...]
     stability: FloatArray
     level: FloatArray
     multiplier: FloatArray
+    mode_coordinates: tuple[str, ...] = ()
+    mode: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def margin(self) -> FloatArray:
@@ -73,24 +84,67 @@ def stability_margin(solution: Solution, rows_of: Solution | None = None) -> Sta
     """
     source = solution if rows_of is None else rows_of
     _same_motion(solution, source)
-    terms = [term.name for term in source.problem.constraints if isinstance(term, StabilityConstraint)]
+    terms = [term for term in source.problem.constraints if isinstance(term, StabilityConstraint)]
     if not terms:
         return None
-    if source is solution:
-        results = [solution.rows[name] for name in terms]
-        missed = [solution.variables.get(f"{name}.missed", 0.0) for name in terms]
-    else:
-        rows = _rows_at(solution, source.problem)
-        results, missed = [rows[name] for name in terms], [0.0] * len(terms)
+    parts = [
+        _hessian_margin(solution, source.problem, term)
+        if isinstance(term, HessianStability)
+        else _row_margin(solution, source, term)
+        for term in terms
+    ]
     failed = ~solution.is_solved[:, np.newaxis]
-    # rows of a soft constraint count what they miss as reached
-    stability = np.hstack([result.value - gap for result, gap in zip(results, missed, strict=True)])
-    multiplier = np.hstack([result.multiplier for result in results])
+    modes = [part for part in parts if part.mode_coordinates]
     return StabilityMargin(
-        rows=tuple(name for result in results for name in result.names),
-        stability=np.where(failed, np.nan, stability),
-        level=np.concatenate([result.lower for result in results]),
-        multiplier=np.where(failed, np.nan, multiplier),
+        rows=tuple(name for part in parts for name in part.rows),
+        stability=np.where(failed, np.nan, np.hstack([part.stability for part in parts])),
+        level=np.concatenate([part.level for part in parts]),
+        multiplier=np.where(failed, np.nan, np.hstack([part.multiplier for part in parts])),
+        mode_coordinates=modes[0].mode_coordinates if modes else (),
+        mode=np.where(failed, np.nan, modes[0].mode) if modes else np.zeros((failed.size, 0)),
+    )
+
+
+def _row_margin(solution: Solution, source: Solution, term: StabilityConstraint) -> StabilityMargin:
+    """Take the rows of a constraint as they are."""
+    missed: FloatArray | float = 0.0
+    if source is solution:
+        result = solution.rows[term.name]
+        # rows of a soft constraint count what they miss as reached
+        missed = solution.variables.get(f"{term.name}.missed", 0.0)
+    else:
+        result = _rows_at(solution, source.problem)[term.name]
+    return StabilityMargin(
+        rows=result.names, stability=result.value - missed, level=result.lower, multiplier=result.multiplier
+    )
+
+
+def _hessian_margin(
+    solution: Solution, problem: MuscleForceProblem, term: HessianStability
+) -> StabilityMargin:
+    """Put the Hessian together from rows along the coordinates and along the sums of two of them."""
+    names = term.chosen(problem)
+    n, n_frames = len(names), problem.trajectory.n_frames
+    pairs = np.array([(i, j) for i in range(n) for j in range(i)], dtype=np.int64).reshape(-1, 2)
+    directions = np.concatenate([np.eye(n), np.eye(n)[pairs[:, 0]] + np.eye(n)[pairs[:, 1]]])
+    every = replace(term, directions=np.broadcast_to(directions, (n_frames, *directions.shape)), soft=None)
+    values = _rows_at(solution, replace(problem, constraints=(every,)))[term.name].value
+    hessian = np.zeros((n_frames, n, n))
+    diagonal = values[:, :n]
+    hessian[:, np.arange(n), np.arange(n)] = diagonal
+    i, j = pairs.T
+    hessian[:, i, j] = hessian[:, j, i] = (values[:, n:] - diagonal[:, i] - diagonal[:, j]) / 2
+    usable = solution.is_solved[:, np.newaxis, np.newaxis]
+    smallest, mode = smallest_eigenvalues(np.where(usable, hessian, 0.0))
+    level = term.by_row(term.level, names)
+    stability = np.column_stack([diagonal + level, smallest])
+    return StabilityMargin(
+        rows=(*names, SMALLEST_EIGENVALUE),
+        stability=stability,
+        level=np.append(level, 0.0),
+        multiplier=np.full(stability.shape, np.nan),
+        mode_coordinates=names,
+        mode=mode,
     )
 
 

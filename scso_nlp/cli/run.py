@@ -26,7 +26,11 @@ def run(
         Path | None, typer.Option(help="Folder of the results. [default: scso_results/<name>]")
     ] = None,
     stability: Annotated[
-        str | None, typer.Option(metavar="potvin-brown|off", help="Stability rows. [default: off]")
+        str | None,
+        typer.Option(
+            metavar="potvin-brown|diagonal|full|off",
+            help="Stability about joint axes, along coordinates, or of their whole Hessian. [default: off]",
+        ),
     ] = None,
     q: Annotated[
         str | None,
@@ -39,14 +43,41 @@ def run(
         str | None,
         typer.Option(
             metavar="NUMBER|ROW=NUMBER,...",
-            help="Least stability [N.m/rad]; for all, or by row <joint>_<axis>. [default: 0]",
+            help="Least stability [N.m/rad]; for all, or by <joint>_<axis> or coordinate. [default: 0]",
         ),
     ] = None,
     joints: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Joints of the stability rows. [default: all]")
+        str | None, typer.Option(metavar="A,B,...", help="Joints of potvin-brown. [default: all]")
     ] = None,
     axes: Annotated[
         str | None, typer.Option(metavar="x,y,z", help="Axes of each of these joints. [default: all]")
+    ] = None,
+    coordinates: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="Coordinates of diagonal and full. [default: all that muscles cross]",
+        ),
+    ] = None,
+    stiffness: Annotated[
+        str | None,
+        typer.Option(
+            metavar="proportional|short-range|fiber", help="Law of muscle stiffness. [default: proportional]"
+        ),
+    ] = None,
+    passive: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|NAME=NUMBER,...",
+            help="Passive stiffness [N.m/rad] besides the model's own: by row, or a file (see scso init).",
+        ),
+    ] = None,
+    soft: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PENALTY",
+            help="Let levels be missed, at this price per N.m/rad. [default: they may not]",
+        ),
     ] = None,
     exponent: Annotated[
         float | None, typer.Option(help="Power of the activations, at least 1; inf for min/max.")
@@ -56,6 +87,14 @@ def run(
         typer.Option(
             "--muscle-physiology/--no-muscle-physiology",
             help="Force-length-velocity, or force = activation x strength. [default: as in the setup]",
+        ),
+    ] = None,
+    keep_coupled_speeds: Annotated[
+        bool | None,
+        typer.Option(
+            "--keep-coupled-speeds/--coupled-speeds-from-constraints",
+            help="Speeds of coupled coordinates: as in the motion and in OpenSim, or as the model's "
+            "constraints have them. [default: keep]",
         ),
     ] = None,
     solver: Annotated[
@@ -89,6 +128,13 @@ def run(
             "level": _number_or_table("level", level),
             "joints": _list(joints),
             "axes": _list(axes),
+            "stability_coordinates": _list(coordinates),
+            "stiffness": stiffness,
+            "passive": passive
+            if passive is None or "=" not in passive
+            else _number_or_table("passive", passive),
+            "soft": soft,
+            "keep_coupled_speeds": keep_coupled_speeds,
             "exponent": exponent,
             "muscle_physiology": muscle_physiology,
             "solver": solver,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,7 +57,7 @@ class HessianStability(StabilityConstraint):
     coordinates: Sequence[str] | None = None
     model_passive: bool = True
     passive_matrix: FloatArray | None = None
-    directions: FloatArray | None = None
+    directions: FloatArray | None = field(default=None, repr=False)
 
     def chosen(self, problem: MuscleForceProblem) -> tuple[str, ...]:
         """Names of the chosen coordinates."""

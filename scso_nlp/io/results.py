@@ -52,8 +52,9 @@ _FORCE_DESCRIPTION = (
     "degrees (yes) or radians (no).\n\n"
 )
 _STABILITY_DESCRIPTION = (
-    "Per joint axis: stability S, level and margin S - level in N.m/rad; and, where the solver gives\n"
-    "one, the multiplier: the cost in the objective per N.m/rad of extra stability.\n"
+    "Per row (joint axis or coordinate): stability S, level and margin S - level in N.m/rad; and, where\n"
+    "the solver gives one, the multiplier: the cost in the objective per N.m/rad of extra stability. For\n"
+    "a whole Hessian: its smallest eigenvalue, levels taken off, and mode: the turn that belongs to it.\n"
 )
 _CONTROL_HEAD = """\t\t\t<ControlLinear name={name}>
 \t\t\t\t<is_model_control>true</is_model_control>
@@ -307,6 +308,8 @@ def _write_stability(margin: StabilityMargin, time: FloatArray, path: Path) -> N
         if np.isfinite(margin.multiplier[solved, r]).all():
             labels.append(f"{row}_multiplier")
             columns.append(margin.multiplier[:, r])
+    labels += [f"mode_{name}" for name in margin.mode_coordinates]
+    columns += list(margin.mode.T)
     values = np.column_stack(columns)
     values[np.isnan(margin.stability).all(axis=1)] = np.nan
     _write_table(path, "Joint Stability", tuple(labels), time, values, _STABILITY_DESCRIPTION)

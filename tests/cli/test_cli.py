@@ -145,6 +145,49 @@ def test_infeasible_frames_give_exit_code_1_and_nothing_that_looks_like_a_result
     assert files(tmp_path) == {"results/report.json", "results/gait10dof18musc_weak_status.sto"}
 
 
+def test_the_whole_hessian_is_kept_and_its_smallest_eigenvalue_and_mode_are_written(spine):
+    """At level 0 every axis alone would be stable at a smaller cost."""
+    tables, objectives = {}, {}
+    for method in ("potvin-brown", "diagonal", "full"):
+        done = scso("run", "setup.xml", "--stability", method, "--no-figures", "--output", method, cwd=spine)
+        assert done.returncode == 0, done.stderr
+        tables[method] = read_storage(spine / method / "spine_load_height_stability.sto")
+        report = json.loads((spine / method / "report.json").read_text())
+        objectives[method] = report["objective"]["total"]
+        assert "array" not in str(report["problem"])
+    # hinges and straight paths: the two rules per axis are the same, to the solver's tolerance
+    assert objectives["diagonal"] == pytest.approx(objectives["potvin-brown"], rel=1e-6)
+    assert objectives["full"] > 3 * objectives["diagonal"]
+    full = tables["full"]
+    # eigenvalues below their level by less than 1e-5 N·m/rad count as kept
+    assert full.column("smallest_eigenvalue_stability").min() > -1e-5
+    coordinates = [label.removeprefix("mode_") for label in full.labels if label.startswith("mode_")]
+    assert len(coordinates) == 6
+    modes = full.columns([f"mode_{name}" for name in coordinates])
+    np.testing.assert_allclose(np.linalg.norm(modes, axis=1), 1, atol=1e-12)
+    for name in coordinates:
+        assert (full.column(f"{name}_margin") > 0).all()
+        assert tables["diagonal"].column(f"{name}_margin").min() > -1e-5
+
+
+def test_passive_stiffness_lowers_the_cost_and_a_price_lets_levels_be_missed(spine):
+    (spine / "passive.toml").write_text("lumbar_pelvis_flexion = 30\nlumbar_pelvis_abduction_right = 30\n")
+    cost = {}
+    for name, options in {
+        "alone": (),
+        "helped": ("--passive", "passive.toml"),
+        "coordinates": ("--coordinates", "lumbar_pelvis_flexion,lumbar_pelvis_abduction_right"),
+        "missed": ("--soft", "1e-4"),
+        "stiffer": ("--q", "9"),
+    }.items():
+        arguments = ("--stability", "full", *options, "--no-figures", "--output", name)
+        done = scso("run", "setup.xml", *arguments, cwd=spine)
+        assert done.returncode == 0, done.stderr
+        report = json.loads((spine / name / "report.json").read_text())
+        cost[name] = report["objective"]["terms"]["ActivationEffort"]
+    assert max(cost["helped"], cost["coordinates"], cost["missed"], cost["stiffer"]) < 0.99 * cost["alone"]
+
+
 def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
     options = ("--stability", "potvin-brown", "--level", "1000", "--keep-failed", "--no-figures")
     done = scso("run", spine / "setup.xml", *options, "--output", "results", cwd=spine)
@@ -161,6 +204,11 @@ def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
         (("setup.xml", "--exponent", "0.5"), "exponent is 0.5"),
         (("setup.xml", "--stability", "yes"), "stability is 'yes', expected 'off' or 'potvin-brown'"),
         (("setup.xml", "--q", "5"), "q has no effect while stability is off"),
+        (("setup.xml", "--stability", "full", "--axes", "z"), "axes has no effect while stability is 'full'"),
+        (("setup.xml", "--stability", "full", "--coordinates", "knee"), "unknown coordinate 'knee'"),
+        (("setup.xml", "--stability", "diagonal", "--stiffness", "soft"), "stiffness is 'soft'"),
+        (("setup.xml", "--stability", "diagonal", "--passive", "none.toml"), "none.toml cannot be read"),
+        (("setup.xml", "--stability", "full", "--soft", "-1"), "soft is -1, expected a positive price"),
         (("setup.xml", "--stability", "potvin-brown", "--q", "-1"), "q is -1"),
         (("setup.xml", "--stability", "potvin-brown", "--q", "five"), "q is 'five', expected a number"),
         (("setup.xml", "--stability", "potvin-brown", "--q", "RAA_R=5,*=3"), "RAA_R"),

@@ -52,7 +52,7 @@ def test_a_moment_out_of_reach_is_named_with_time_amount_and_helpers(solve):
         solve(problem)
     assert str(failure.value).splitlines()[0] == (
         "1 of 3 frames failed (infeasible): t = 0.01 s; worst: MomentEquilibrium[q1] short by 75 N·m at "
-        "t = 0.01 s (beyond reach at any activation); would help: m1, m2, m3"
+        "t = 0.01 s (beyond reach at any activation); would help if they were stronger: m1, m2, m3"
     )
 
 
@@ -90,6 +90,7 @@ def test_a_stability_level_out_of_reach_is_named_with_what_is_missing(solve):
     assert shortfall.amount == pytest.approx(10.0, abs=1e-6)
     assert shortfall.proven
     assert set(shortfall.helpers) == {"m1", "m2"}
+    assert "; would help if they were stronger or stiffer (larger q): m" in str(shortfall)
 
 
 @both_solvers
