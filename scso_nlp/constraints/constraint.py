@@ -55,6 +55,10 @@ class FrameConstraint(Constraint, abc.ABC):
         """Name columns to be evaluated at the solution, for ``solution.quantities``; none by default."""
         return {}
 
+    def row_label(self, problem: MuscleForceProblem, frame: int, row: int) -> str | None:
+        """Say what a row is in one frame, for messages; None where its name says it all, by default."""
+        return None
+
     def tighten(self, problem: MuscleForceProblem, near: LocalModel) -> FrameConstraint | None:
         """Return a constraint with more rows, or None if the rows suffice near a point; None by default.
 

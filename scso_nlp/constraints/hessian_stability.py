@@ -10,7 +10,13 @@ import numpy as np
 
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE, StabilityConstraint
 from scso_nlp.stability.critical_turns import MatrixProgram, critical_turns, solve_matrix_programs
-from scso_nlp.stability.hessian import HessianTerms, hessian_terms, require_curvature, rows_along
+from scso_nlp.stability.hessian import (
+    HessianTerms,
+    describe_turn,
+    hessian_terms,
+    require_curvature,
+    rows_along,
+)
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
@@ -86,6 +92,10 @@ class HessianStability(StabilityConstraint):
         if self.directions is None:
             return self.chosen(problem)
         return tuple(f"turn_{i + 1}" for i in range(self.directions.shape[1]))
+
+    def row_label(self, problem: MuscleForceProblem, frame: int, row: int) -> str | None:
+        """Describe the turn of a row by coordinate."""
+        return describe_turn(self.chosen(problem), self._directions(problem)[frame, row])
 
     def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
         """Curvature, moment arms and loads of the rows."""
@@ -191,7 +201,7 @@ class HessianStability(StabilityConstraint):
                 bounds: tuple[FloatArray, FloatArray] = bounds,
             ) -> MatrixProgram:
                 here = model.frames(which).at(unknowns)
-                return self._matrix_program(terms.frames(which), here, (bounds[0][which], bounds[1][which]))
+                return self.matrix_program(terms.frames(which), here, (bounds[0][which], bounds[1][which]))
 
             first = program(model.unknowns, np.arange(part.size))
             if near.is_quadratic:
@@ -202,10 +212,23 @@ class HessianStability(StabilityConstraint):
             found[part] = answer.is_solved
         return critical_turns(multiplier), found
 
-    def _matrix_program(
+    def matrix_program(
         self, terms: HessianTerms, near: LocalModel, bounds: tuple[FloatArray, FloatArray]
     ) -> MatrixProgram:
-        """Model the problem around a point."""
+        """Model the problem around a point: its cost, rows and bounds, and the Hessian minus levels.
+
+        Parameters
+        ----------
+        terms : HessianTerms
+        near : LocalModel
+            Of the same frames, with this constraint among its terms.
+        bounds : pair of ndarray, shape (n_frames, n_unknowns)
+            Of the scaled unknowns.
+
+        Returns
+        -------
+        MatrixProgram
+        """
         n_frames, n = near.unknowns.shape
         eye = np.eye(len(terms.coordinates))
         force, force_slope = near.tendon_force()

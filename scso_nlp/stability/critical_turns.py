@@ -94,6 +94,8 @@ class MatrixProgramAnswer:
     multiplier : ndarray, shape (n_frames, size, size)
         Of the matrix inequality; its range is the null space of the matrix at the optimum. NaN where not
         solved.
+    upper_multiplier : ndarray, shape (n_frames, n)
+        Fall of the cost per rise of each upper bound; 0 without one. NaN where not solved.
     is_solved : ndarray of bool, shape (n_frames,)
     iterations : int
         Of the frame that took most.
@@ -101,6 +103,7 @@ class MatrixProgramAnswer:
 
     x: FloatArray
     multiplier: FloatArray
+    upper_multiplier: FloatArray
     is_solved: BoolArray
     iterations: int
 
@@ -141,6 +144,7 @@ def solve_matrix_programs(
     n_frames, n = program.linear.shape
     answer = np.full((n_frames, n), np.nan)
     multiplier = np.full(program.constant.shape, np.nan)
+    upper_multiplier = np.full((n_frames, n), np.nan)
     is_solved = np.zeros(n_frames, dtype=bool)
     left = np.arange(n_frames)
     point = _start(frames, start)
@@ -157,6 +161,7 @@ def solve_matrix_programs(
             now = left[done]
             answer[now], is_solved[now] = point.x[done], True
             multiplier[now] = point.multiplier[done] / frames.scale[done, None, None]
+            upper_multiplier[now] = point.limit_multiplier[done, n : 2 * n]
             go_on = ~(done | stuck) & np.isfinite(residual.mean_product) & np.isfinite(point.x).all(axis=1)
             if not go_on.any():
                 break
@@ -169,7 +174,13 @@ def solve_matrix_programs(
                 model = _scaled(remodel(point.x, left), frames.scale)
                 frames = replace(model, least_cost=frames.least_cost)
                 point = _absorbed(frames, point)
-    return MatrixProgramAnswer(x=answer, multiplier=multiplier, is_solved=is_solved, iterations=iterations)
+    return MatrixProgramAnswer(
+        x=answer,
+        multiplier=multiplier,
+        upper_multiplier=upper_multiplier,
+        is_solved=is_solved,
+        iterations=iterations,
+    )
 
 
 def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:

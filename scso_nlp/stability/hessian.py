@@ -14,6 +14,9 @@ from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
 from scso_nlp.validation import FloatArray, IntArray, positions
 
+#: Coordinates whose share of a turn is below this are not named [-].
+_LEAST_SHARE = 0.15
+
 
 @dataclass(frozen=True, kw_only=True)
 class HessianTerms:
@@ -188,3 +191,26 @@ def smallest_eigenvalues(hessian: FloatArray) -> tuple[FloatArray, FloatArray]:
     mode = vectors[:, :, 0]
     largest = np.take_along_axis(mode, np.abs(mode).argmax(axis=1)[:, None], axis=1)
     return values[:, 0], mode * np.sign(largest)
+
+
+def describe_turn(coordinates: tuple[str, ...], mode: FloatArray) -> str:
+    """Say a turn in words: its larger shares by coordinate, largest first.
+
+    Parameters
+    ----------
+    coordinates : tuple of str
+    mode : ndarray, shape (n_coordinates,) [-]
+        Of unit length.
+
+    Returns
+    -------
+    str
+        E.g. ``"0.92 lumbar_flexion - 0.38 lumbar_twist"``.
+    """
+    text = ""
+    for i in np.argsort(-np.abs(mode)):
+        if abs(mode[i]) < _LEAST_SHARE:
+            break
+        sign = " - " if mode[i] < 0 else " + "
+        text += f"{sign if text else sign.strip().replace('+', '')}{abs(mode[i]):.2f} {coordinates[i]}"
+    return text

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import linprog
 
+from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.solution import RowResult, Shortfall
 from scso_nlp.transcription.build import AffineRows, FrameProgram, bounds_of_rows, evaluate
 from scso_nlp.transcription.layout import ALL
@@ -94,7 +95,7 @@ def worst_rows(
                         frame=k,
                         time=float(program.problem.trajectory.time[k]),
                         constraint=name,
-                        row=row.names[r],
+                        row=_row_label(program, name, k, int(r), row.names[r]),
                         amount=float(missing[r]),
                         unit=row.unit[r],
                         proven=False,
@@ -197,12 +198,20 @@ def _shortfall(
         frame=frame,
         time=float(program.problem.trajectory.time[frame]),
         constraint=block.term,
-        row=block.names[row - start],
+        row=_row_label(program, block.term, frame, row - start, block.names[row - start]),
         amount=amount * block.scale,
         unit=block.unit[row - start],
         proven=True,
         helpers=tuple(best),
     )
+
+
+def _row_label(program: FrameProgram, term: str, frame: int, row: int, name: str) -> str:
+    """Name a row in one frame: by its own words where the term has any."""
+    for constraint in program.problem.constraints:
+        if constraint.name == term and isinstance(constraint, FrameConstraint):
+            return constraint.row_label(program.problem, frame, row) or name
+    return name
 
 
 def _missing(row: RowResult) -> FloatArray:
