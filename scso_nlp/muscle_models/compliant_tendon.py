@@ -1,4 +1,4 @@
-"""Force-length with an elastic tendon in quasi-static equilibrium: fiber length is an unknown."""
+"""Force-length with an elastic tendon in quasi-static equilibrium: fibers and tendon forces are unknowns."""
 
 from __future__ import annotations
 
@@ -51,8 +51,9 @@ class CompliantTendon(MuscleModel):
     .. math:: F_0\left(a f_L f_V + f_P + \beta\tilde v\right)\cos\alpha
               = F_0 f_T\left((\ell^{MT} - \ell^M\cos\alpha)/\ell_s^T\right)
 
-    The unknown is the fiber length along the tendon, :math:`\ell^M\cos\alpha`. Muscles of a class without
-    an elastic tendon, or with ``ignore_tendon_compliance``, have a rigid tendon and no unknown.
+    Unknowns are the fiber length along the tendon, :math:`\ell^M\cos\alpha`, and the tendon force: with it
+    moment equilibrium and stability rows stay affine. Muscles of a class without an elastic tendon, or with
+    ``ignore_tendon_compliance``, have a rigid tendon and no unknowns.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class CompliantTendon(MuscleModel):
                 )
 
     def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
-        """Name the fiber lengths along the tendon [m], with their bounds and the starting point."""
+        """Name fiber lengths along the tendon [m] and tendon forces [N], with bounds and starting point."""
         split = _split(problem.muscles)
         if not split.elastic:
             return ()
@@ -119,6 +120,10 @@ class CompliantTendon(MuscleModel):
         upper = np.where(rests, 2 * guess, upper)
         guess = np.clip(guess, lower * (1 + 1e-6), upper)
         lower = np.where(rests, 0.5 * guess, lower)
+        force = np.zeros(length.shape)
+        for group in split.elastic:
+            where = group.positions
+            force[:, where] = _tendon_force(group, guess[:, where], length[:, where])
         where = split.positions
         return (
             VariableSpec(
@@ -128,6 +133,12 @@ class CompliantTendon(MuscleModel):
                 upper=upper[:, where],
                 guess=guess[:, where],
                 scale=optimal[where],
+            ),
+            VariableSpec(
+                name="tendon_force",
+                labels=tuple(f"{names[m]}_tendon" for m in where),
+                guess=force[:, where],
+                scale=problem.muscles.max_isometric_force[where],
             ),
         )
 
@@ -182,10 +193,7 @@ class CompliantTendon(MuscleModel):
             fiber = fiber_length_of(q, fiber_width(muscle))
             fiber_length[where] = fiber
             cosine[where] = q / fiber
-            pull = tendon_force(muscle, q, frame.muscle_tendon_length[where])
-            if "is_free" in frame.data:
-                pull = frame.data["is_free"][where] * pull + frame.data["force_at_rest"][where]
-            force[where] = pull
+            force[where] = frame.variables["tendon_force"][split.unknowns_of(group)]
             passive[where] = (
                 muscle.max_isometric_force
                 * curves.passive_force_length(fiber / muscle.optimal_fiber_length, muscle.curve_parameters)
@@ -197,31 +205,34 @@ class CompliantTendon(MuscleModel):
         )
 
     def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows | None:
-        """One row per elastic tendon: fiber force along the tendon minus tendon force, over F0."""
+        """Two rows per elastic tendon over F0: fiber against tendon, tendon curve against its force."""
         split = _split(problem.muscles)
         if not split.elastic:
             return None
-        residual = ca.SX(problem.muscles.n_muscles, 1)
+        balance, curve = (ca.SX(problem.muscles.n_muscles, 1) for _ in range(2))
         for group in split.elastic:
-            where = group.positions.tolist()
-            q = frame.variables["fiber_length_along_tendon"][split.unknowns_of(group)]
-            value = equilibrium_residual(
-                group.muscle,
-                q,
-                frame.activation[where],
-                frame.muscle_tendon_length[where],
-                frame.data["velocity"][where],
+            where, unknowns = group.positions.tolist(), split.unknowns_of(group)
+            q = frame.variables["fiber_length_along_tendon"][unknowns]
+            force = frame.variables["tendon_force"][unknowns]
+            length, strength = frame.muscle_tendon_length[where], group.muscle.max_isometric_force
+            difference = equilibrium_residual(
+                group.muscle, q, frame.activation[where], length, frame.data["velocity"][where]
             )
+            tension = tendon_force(group.muscle, q, length)
             if "is_free" in frame.data:
                 is_free = frame.data["is_free"][where]
-                value = is_free * value + (1 - is_free) * (q / frame.data["fiber_at_rest"][where] - 1)
-            residual[where] = value
-        names = problem.muscles.muscles
+                at_rest = q / frame.data["fiber_at_rest"][where] - 1
+                difference = is_free * difference + (1 - is_free) * at_rest
+                tension = is_free * tension + frame.data["force_at_rest"][where]
+            balance[where] = difference
+            curve[where] = (tension - force) / strength
+        names = [problem.muscles.muscles[m] for m in split.positions]
+        chosen = split.positions.tolist()
         return Rows(
-            value=residual[split.positions.tolist()],
+            value=ca.vertcat(balance[chosen], curve[chosen]),
             lower=0.0,
             upper=0.0,
-            names=[names[m] for m in split.positions],
+            names=[*(f"{name} fiber" for name in names), *(f"{name} tendon" for name in names)],
             unit="F0",
             scale=_RESIDUAL,
         )
@@ -248,7 +259,7 @@ class CompliantTendon(MuscleModel):
             length,
             velocity,
         )
-        tension = on_arrays(lambda q, ell: tendon_force(columns, q, ell), shortest, length)
+        tension = _tendon_force(group, shortest, length)
         is_short: BoolArray = pull >= 0.0
         is_slack = slack_at_least = np.zeros(length.shape, dtype=bool)
         if self.fiber_velocity == "from_path":
@@ -388,3 +399,9 @@ def _longest_along_tendon(group: MuscleGroup, length: FloatArray) -> FloatArray:
         ca.DM.zeros(len(group.positions)), muscle.curve_parameters
     )
     return length - ca.DM(stretch * muscle.tendon_slack_length).full().ravel()
+
+
+def _tendon_force(group: MuscleGroup, along_tendon: FloatArray, length: FloatArray) -> FloatArray:
+    """Force of the tendons, shape (n_frames, n_group) [N]."""
+    columns = repeat_over_frames(group.muscle, len(length))
+    return on_arrays(lambda q, ell: tendon_force(columns, q, ell), along_tendon, length)
