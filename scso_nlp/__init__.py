@@ -28,8 +28,15 @@ if TYPE_CHECKING:
         ProblemError,
         ScsoError,
     )
+    from scso_nlp.io.bundle import load_bundle, save_bundle
     from scso_nlp.io.results import write_solution
     from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
+    from scso_nlp.muscle_models.stiffness_law import (
+        FiberStiffness,
+        ProportionalStiffness,
+        ShortRangeStiffness,
+        StiffnessLaw,
+    )
     from scso_nlp.muscles import ActuatorParameters, MuscleParameters
     from scso_nlp.objectives import ActivationEffort, FrameObjective, FramePairObjective, FunctionObjective
     from scso_nlp.opensim.engine import load_motion
@@ -40,14 +47,15 @@ if TYPE_CHECKING:
     )
     from scso_nlp.solution import RowResult, Shortfall, Solution, SolveFailed, SolveReport, Status
     from scso_nlp.solve import solve_framewise, solve_trajectory
+    from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
     from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
     from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
     from scso_nlp.transcription.ipopt import SolverOptions
 
 #: Where each public name is defined.
 _HOME = {
-    "ActivationEffort": "objectives",
     "ActivationDynamics": "constraints",
+    "ActivationEffort": "objectives",
     "ActivationRate": "constraints",
     "ActuatorParameters": "muscles",
     "CompliantTendon": "muscle_models",
@@ -56,6 +64,7 @@ _HOME = {
     "CouplingError": "exceptions",
     "DataError": "exceptions",
     "EngineError": "exceptions",
+    "FiberStiffness": "muscle_models.stiffness_law",
     "FileFormatError": "exceptions",
     "Frame": "transcription.frame",
     "FrameConstraint": "constraints",
@@ -65,6 +74,7 @@ _HOME = {
     "FunctionObjective": "objectives",
     "HessianStability": "constraints",
     "JointStability": "constraints",
+    "LumbarJoint": "stability.passive",
     "MomentEquilibrium": "constraints",
     "MotionTrajectory": "trajectory",
     "MuscleForceProblem": "problem",
@@ -74,10 +84,12 @@ _HOME = {
     "NameMismatchError": "exceptions",
     "NoPhysiology": "muscle_models",
     "ProblemError": "exceptions",
+    "ProportionalStiffness": "muscle_models.stiffness_law",
     "RigidTendon": "muscle_models",
     "RowResult": "solution",
     "Rows": "transcription.frame",
     "ScsoError": "exceptions",
+    "ShortRangeStiffness": "muscle_models.stiffness_law",
     "Shortfall": "solution",
     "Skeleton": "trajectory",
     "Solution": "solution",
@@ -85,8 +97,12 @@ _HOME = {
     "SolveReport": "solution",
     "SolverOptions": "transcription.ipopt",
     "Status": "solution",
+    "StiffnessLaw": "muscle_models.stiffness_law",
     "VariableSpec": "transcription.frame",
+    "load_bundle": "io.bundle",
     "load_motion": "opensim.engine",
+    "lumbar_passive_stiffness": "stability.passive",
+    "save_bundle": "io.bundle",
     "solve_framewise": "solve",
     "solve_trajectory": "solve",
     "stability_constrained_static_optimization": "problem",

@@ -24,8 +24,9 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ShortRangeStiffness, StiffnessLaw
 from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, read_analyze_setup, with_changes
+from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
 from scso_nlp.transcription.ipopt import SolverOptions
-from scso_nlp.validation import positions, unique_names
+from scso_nlp.validation import unique_names
 
 #: Stability constraints by what the settings call them.
 STABILITY_METHODS: dict[str, type[StabilityConstraint]] = {
@@ -297,7 +298,7 @@ KEYS: dict[str, Key] = {
     ),
     "passive": Key(
         group=_STABILITY, read=_table_or_path, example='{ "knee_angle_r" = 5.0 }',
-        help="passive stiffness [N.m/rad] besides the model's own: a table by row, .toml, or .csv (matrix)",
+        help="passive stiffness [N.m/rad] besides the model's own: a table by row, or a .toml or .csv file",
     ),
     "soft": Key(
         group=_STABILITY, read=_number, example="1.0",
@@ -508,11 +509,28 @@ def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
 
 
 def _passive_table(path: Path) -> dict[str, float]:
-    """Read passive stiffness by row from a TOML file."""
+    """Read passive stiffness by row, and published stiffness of lumbar joints, from a TOML file."""
+    given = _parse(path)
+    joints = given.pop("lumbar", [])
     try:
-        return {str(name): _number(value) for name, value in _parse(path).items()}
-    except ValueError:
-        raise DataError(f"{path}: expected lines of the form name = number [N.m/rad]") from None
+        stiffness = {str(name): _number(value) for name, value in given.items()}
+        published = lumbar_passive_stiffness(*(_lumbar_joint(dict(joint)) for joint in joints))
+    except (ValueError, TypeError, AttributeError):
+        raise DataError(
+            f"{path}: expected lines of the form row = number [N.m/rad], and tables [[lumbar]] with levels "
+            "= number and, by axial, flexion, extension or lateral, lists of rows"
+        ) from None
+    twice = sorted(stiffness.keys() & published.keys())
+    if twice:
+        raise DataError(f"{path}: {', '.join(twice)} stands twice, by itself and in a table [[lumbar]]")
+    return stiffness | published
+
+
+def _lumbar_joint(table: dict[str, Any]) -> LumbarJoint:
+    levels = _count(table.pop("levels", None))
+    return LumbarJoint(
+        levels=levels, rows={row: direction for direction, rows in table.items() for row in _names(rows)}
+    )
 
 
 def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> dict[str, Any]:
@@ -521,21 +539,13 @@ def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> 
         raise ProblemError(f"{path} couples coordinates, which only stability 'full' can use; expected .toml")
     try:
         lines = path.read_text(encoding="utf-8-sig").split("\n")
-        rows = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    rows = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
     names = unique_names("coordinate", rows[0] if rows else ())
     try:
         matrix = np.array([[float(cell) for cell in row] for row in rows[1:]])
     except ValueError:
         raise FileFormatError(f"{path}: expected a line of coordinates, then lines of numbers") from None
-    n = len(names)
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise FileFormatError(f"{path}: expected {n} lines of {n} finite numbers below the names")
-    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
-        raise DataError(f"{path}: the stiffness matrix is not symmetric")
     chosen = names if chosen is None else chosen
-    full = np.zeros((len(chosen), len(chosen)))
-    where = positions("coordinate of the stability constraint", names, chosen)
-    full[np.ix_(where, where)] = matrix
-    return {"coordinates": chosen, "passive_matrix": full}
+    return {"coordinates": chosen, "passive_matrix": passive_matrix(chosen, matrix, names)}

@@ -133,6 +133,14 @@ def test_passive_stiffness_comes_from_a_table_or_a_matrix(tmp_path):
     (tmp_path / "passive.csv").write_text("a, b\n3, -1\n-1, 4.5\n")
     by_row, _ = read_settings(with_setup(tmp_path, "stability = 'diagonal'\npassive = 'passive.toml'"))
     assert by_row.stability.passive_stiffness == {"a": 3.0, "b": 4.5}
+    (tmp_path / "lumbar.toml").write_text(
+        "a = 3\n[[lumbar]]\nlevels = 3\naxial = 'y'\nflexion = ['z']\n"
+        "[[lumbar]]\nlevels = 2\nlateral = ['x']\n"
+    )
+    published, _ = read_settings(with_setup(tmp_path, "stability = 'full'\npassive = 'lumbar.toml'"))
+    # N·m/deg of one level, over the number of levels
+    expected = {"a": 3.0, "y": math.degrees(8.4 / 3), "z": math.degrees(1.8 / 3), "x": math.degrees(2.3 / 2)}
+    assert published.stability.passive_stiffness == pytest.approx(expected)
     text = "stability = 'full'\npassive = 'passive.csv'\n"
     coupled, _ = read_settings(with_setup(tmp_path, text))
     assert coupled.stability.coordinates == ("a", "b")
@@ -146,11 +154,14 @@ def test_passive_stiffness_comes_from_a_table_or_a_matrix(tmp_path):
     ("name", "content", "error", "message"),
     [
         ("p.csv", "a,b\n1,2\n3\n", FileFormatError, "expected a line of coordinates, then lines of numbers"),
-        ("p.csv", "a,b\n1,2\n", FileFormatError, "expected 2 lines of 2 finite numbers"),
-        ("p.csv", "a,b\n1,2\n3,1\n", DataError, "is not symmetric"),
+        ("p.csv", "a,b\n1,2\n", DataError, r"passive_matrix has shape \(1, 2\), expected \(2, 2\)"),
+        ("p.csv", "a,b\n1,2\n3,1\n", DataError, r"is not symmetric: 2 at \(a, b\)"),
         ("p.csv", "a,a\n1,2\n2,1\n", DataError, "must be unique"),
         ("p.csv", "a\none\n", FileFormatError, "expected a line of coordinates"),
-        ("p.toml", "a = 'stiff'", DataError, "expected lines of the form name = number"),
+        ("p.toml", "a = 'stiff'", DataError, "expected lines of the form row = number"),
+        ("p.toml", "[[lumbar]]\naxial = ['a']", DataError, r"tables \[\[lumbar\]\] with levels"),
+        ("p.toml", "[[lumbar]]\nlevels = 2\nup = ['a']", DataError, "direction of 'a' is 'up'"),
+        ("p.toml", "a = 1\n[[lumbar]]\nlevels = 2\naxial = 'a'", DataError, "a stands twice"),
         ("p.toml", "a = -1.0", ProblemError, "passive_stiffness of 'a' is -1"),
         ("none.toml", None, DataError, "cannot be read"),
         ("none.csv", None, DataError, "cannot be read"),

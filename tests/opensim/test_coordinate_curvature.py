@@ -9,12 +9,15 @@ import tiny_model
 from tiny_model import Tiny, ask_opensim, write_motion
 
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.muscle_models import NoPhysiology
 from scso_nlp.opensim import load_motion
 from scso_nlp.problem import static_optimization
+from scso_nlp.solution import Solution
 from scso_nlp.solve import solve_framewise
+from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
 
 pytestmark = pytest.mark.opensim
@@ -336,6 +339,37 @@ def test_where_every_axis_is_stable_some_combined_turn_of_the_spine_is_not(q: fl
     assert max(lowest) < 0
     # an independent solver's number of the same reconstruction
     assert min(lowest) == pytest.approx(-56, abs=1)
+
+
+def test_published_passive_stiffness_makes_the_whole_hessian_of_the_spine_affordable() -> None:
+    """Muscles alone cannot keep two of the eight postures stable; with passive tissue all are cheap."""
+    passive = lumbar_passive_stiffness(
+        *(
+            LumbarJoint(
+                levels=levels,
+                rows={f"{joint}_flexion": "flexion", f"{joint}_abduction_right": "lateral"}
+                | {f"{joint}_twist_left": "axial"},
+            )
+            for joint, levels in (("lumbar_pelvis", 3), ("thorax_lumbar", 2))
+        )
+    )
+    motion = load_motion(example_folder("spine-postures") / "setup.xml", curvature_coordinates="all")
+    plain = static_optimization(*motion, muscle_model=NoPhysiology())
+
+    def solve(*terms: StabilityConstraint) -> Solution:
+        problem = replace(plain, constraints=(*plain.constraints, *terms))
+        return solve_framewise(problem, on_failure="return")
+
+    alone, helped = solve(HessianStability()), solve(HessianStability(passive_stiffness=passive))
+    per_axis, free = solve(CoordinateStability()), solve()
+    assert alone.is_solved.sum() == 6
+    assert {s.constraint for s in alone.shortfalls} == {"HessianStability"}
+    assert helped.is_solved.all()
+    kept = alone.is_solved
+    cost = [float((run.activation[kept] ** 2).sum()) for run in (free, per_axis, alone)]
+    assert cost[0] < cost[1] < cost[2]
+    assert cost[2] > 5 * cost[1]
+    assert free.objective <= helped.objective < per_axis.objective
 
 
 def test_walking_moment_arms_around_wraps_are_hardly_a_gradient(shared_data: Path) -> None:
