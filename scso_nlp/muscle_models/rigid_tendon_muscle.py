@@ -203,9 +203,14 @@ def check_curve_parameters(muscle: str, parameters: Mapping[str, float]) -> dict
     for name in sorted(set(expected) | set(parameters)):
         found, wanted = parameters.get(name, math.nan), expected.get(name, math.nan)
         if not abs(found - wanted) <= 1e-9:
+            differs = (
+                f"{name} is {found:g} where the default is {wanted:g}"
+                if name in expected
+                else f"it has {name}"
+            )
             raise DataError(
                 f"muscle {muscle!r}: {OPENSIM_CLASS} is modelled with OpenSim's default splines only, "
-                f"and {name} is {found:g} where the default is {wanted:g}; convert it to another class"
+                f"and {differs}; convert it to another class"
             )
     return {}
 

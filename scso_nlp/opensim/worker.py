@@ -72,6 +72,7 @@ CURVE_PROPERTIES = (
     "active_force_width_scale",
     "passive_fiber_strain_at_one_norm_force",
     "tendon_strain_at_one_norm_force",
+    "ignore_passive_fiber_force",
     "ignore_tendon_compliance",
     "maximum_pennation_angle",
     "default_activation",
@@ -84,6 +85,8 @@ CURVE_OBJECTS = {
     "fiber_force_length_curve": "getFiberForceLengthCurve",
     "tendon_force_length_curve": "getTendonForceLengthCurve",
 }
+#: Splines of a RigidTendonMuscle; their points become ``<property>.x<i>`` and ``<property>.y<i>``.
+SPLINES = ("active_force_length_curve", "passive_force_length_curve", "force_velocity_curve")
 #: Values that OpenSim chooses itself where the optional property is empty.
 CURVE_VALUES_IN_USE = {
     "stiffness_at_low_force": "getStiffnessAtLowForceInUse",
@@ -1137,6 +1140,15 @@ class Engine:
             exact = getattr(osim, kind).safeDownCast(muscle)
             if exact is not None and hasattr(exact, "getMinimumFiberLength"):
                 parameters["minimum_fiber_length"] = float(exact.getMinimumFiberLength())
+        if osim.RigidTendonMuscle.safeDownCast(muscle) is not None:
+            for name in SPLINES:
+                spline = osim.SimmSpline.safeDownCast(muscle.getPropertyByName(name).getValueAsObject(0))
+                if spline is None:
+                    parameters[f"{name}.other_function"] = 1.0
+                    continue
+                for i in range(spline.getSize()):
+                    parameters[f"{name}.x{i}"] = float(spline.getX(i))
+                    parameters[f"{name}.y{i}"] = float(spline.getY(i))
         millard = osim.Millard2012EquilibriumMuscle.safeDownCast(muscle)
         if millard is None:
             return parameters

@@ -152,3 +152,39 @@ def test_the_capacity_of_a_model_of_two_classes_is_opensims(shared_data):
     )
     classes = assert_capacity_is_opensims(trajectory, muscles)
     assert sorted(classes) == ["Millard2012EquilibriumMuscle", "Thelen2003Muscle"]
+
+
+def test_curves_that_a_class_has_of_its_own_are_read_and_refused_where_they_are_not_modelled(
+    shared_data, tmp_path
+):
+    """The gait model's Millard curves are functions that a RigidTendonMuscle takes for its own."""
+    source = shared_data / "gait10dof18musc"
+    text = (source / MODELS["gait10dof18musc"]).read_text()
+    model = tmp_path / MODELS["gait10dof18musc"]
+    setup = source / SETUPS["gait10dof18musc"]
+
+    def muscles_of(opensim_class, text):
+        model.write_text(text)
+        motion = scso.load_motion(setup, model=model, step_interval=100)
+        assert set(motion[1].muscle_class) == {opensim_class}
+        return motion
+
+    default = muscles_of("RigidTendonMuscle", as_class(text, "RigidTendonMuscle"))
+    given = default[1].curve_parameters[0]
+    assert (given["force_velocity_curve.x22"], given["force_velocity_curve.y22"]) == (0.05, 1.482014)
+    muscle_groups(default[1])
+    own = text.replace("Millard2012EquilibriumMuscle", "RigidTendonMuscle")
+    motion = muscles_of("RigidTendonMuscle", own)
+    problem = scso.static_optimization(*motion, muscle_model=scso.RigidTendon(convention="physical"))
+    with pytest.raises(
+        scso.DataError, match=r"default splines only, and it has active_force_length_curve\.oth"
+    ):
+        scso.solve_trajectory(problem)
+    # OpenSim's own capacity needs no curves of ours.
+    assert scso.solve_trajectory(scso.static_optimization(*motion)).is_solved.all()
+    de_groote = as_class(text, "DeGrooteFregly2016Muscle").replace(
+        "<max_isometric_force>",
+        "<ignore_passive_fiber_force>true</ignore_passive_fiber_force><max_isometric_force>",
+    )
+    motion = muscles_of("DeGrooteFregly2016Muscle", de_groote)
+    assert motion[1].curve_parameters[0]["ignore_passive_fiber_force"] == 1.0
