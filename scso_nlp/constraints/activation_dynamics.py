@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.constraints.constraint import FramePairConstraint
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
 
 if TYPE_CHECKING:
@@ -21,7 +21,11 @@ SMOOTHNESS = 0.1
 
 
 def activation_rate(
-    excitation: ca.SX, activation: ca.SX, activation_time_constant: ca.DM, deactivation_time_constant: ca.DM
+    excitation: ca.SX,
+    activation: ca.SX,
+    activation_time_constant: ca.DM,
+    deactivation_time_constant: ca.DM,
+    smoothness: float = SMOOTHNESS,
 ) -> ca.SX:
     r"""Rate of activation.
 
@@ -32,6 +36,8 @@ def activation_rate(
     ----------
     excitation, activation : float or DM or SX or MX, any shape [-]
     activation_time_constant, deactivation_time_constant : float or DM, same shape [s]
+    smoothness : float [-]
+        b.
 
     Returns
     -------
@@ -42,7 +48,7 @@ def activation_rate(
     De Groote et al. (2009), Comput Methods Biomech Biomed Engin 12:563-574; De Groote et al. (2016), Ann
     Biomed Eng 44:2922-2936; OpenSim ``DeGrooteFregly2016Muscle.cpp``, computeStateVariableDerivatives.
     """
-    f = 0.5 * ca.tanh(SMOOTHNESS * (excitation - activation))
+    f = 0.5 * ca.tanh(smoothness * (excitation - activation))
     z = 0.5 + 1.5 * activation
     rate = (f + 0.5) / (activation_time_constant * z) + z * (0.5 - f) / deactivation_time_constant
     return rate * (excitation - activation)
@@ -89,13 +95,24 @@ class ActivationDynamics(FramePairConstraint):
     ``max_activation``): ``solution.variables["ActivationDynamics.excitation"]``. Time constants are the
     model's.
 
+    Attributes
+    ----------
+    smoothness : float [-]
+        b of :func:`activation_rate`, how sharply the time constant changes between rise and fall.
+
     Raises
     ------
     DataError
         A time constant that is not positive.
+    ProblemError
+        A smoothness that is not positive.
 
     Notes
     -----
+    With the source's b = 0.1, which is OpenSim's too, rise and fall are hardly told apart: f stays below
+    0.05, and both go at about the mean of the two rates. From b = 100 on the rate is that of Thelen (2003),
+    (e - a)/(tau_a z) on the rise and (e - a) z/tau_d on the fall with z = 1/2 + 3a/2.
+
     The trapezoidal rule is of second order in the time step. Nothing costs or damps the excitations
     themselves, and one frame more than there are rows has them: where activations do not touch a bound, the
     excitations of neighbouring frames may alternate about the smooth course. Activations do not.
@@ -104,6 +121,12 @@ class ActivationDynamics(FramePairConstraint):
     ----------
     De Groote et al. (2016), Ann Biomed Eng 44:2922-2936.
     """
+
+    smoothness: float = SMOOTHNESS
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.smoothness) and self.smoothness > 0):
+            raise ProblemError(f"smoothness is {self.smoothness:g}, expected a positive number")
 
     def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
         """Name the excitations."""
@@ -116,7 +139,7 @@ class ActivationDynamics(FramePairConstraint):
         """One row per muscle: step of activation minus the integrated rate [-]."""
         constants = time_constants(problem.muscles, self.name)
         rates = [
-            activation_rate(frame.variables["excitation"], frame.activation, *constants)
+            activation_rate(frame.variables["excitation"], frame.activation, *constants, self.smoothness)
             for frame in (previous, current)
         ]
         step = current.activation - previous.activation - 0.5 * dt * (rates[0] + rates[1])

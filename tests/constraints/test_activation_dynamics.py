@@ -11,6 +11,7 @@ from muscle_models.mixed_muscles import MILLARD, RIGID, mixed_problem
 from scipy.integrate import solve_ivp
 
 import scso_nlp as scso
+from scso_nlp.constraints.activation_dynamics import activation_rate
 
 EXCITATION = "ActivationDynamics.excitation"
 OPTIONS = scso.SolverOptions(tolerance=1e-10, max_iterations=2000)
@@ -235,3 +236,22 @@ def test_a_muscle_without_a_time_constant_is_named(rng, term, what):
     said = rf"{what} of 'm2' \(RigidTendonMuscle\) is 0 s, {term.name} needs a positive time"
     with pytest.raises(scso.DataError, match=said):
         scso.solve_trajectory(problem)
+
+
+def test_a_sharp_transition_gives_thelens_rates(rng):
+    """Rise (e - a)/(tau z), fall (e - a) z/tau with z = 1/2 + 3a/2, where e and a are well apart."""
+    a = rng.uniform(0.1, 0.9, 20)
+    for e, expected in (
+        (a + 0.1, 0.1 / (0.01 * (0.5 + 1.5 * a))),
+        (a - 0.1, -0.1 * (0.5 + 1.5 * a) / 0.04),
+    ):
+        found = [float(activation_rate(x, y, 0.01, 0.04, 200.0)) for x, y in zip(e, a, strict=True)]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        soft = [float(activation_rate(x, y, 0.01, 0.04)) for x, y in zip(e, a, strict=True)]
+        np.testing.assert_allclose(soft, rate(e, a, 0.01, 0.04), rtol=1e-13)
+
+
+@pytest.mark.parametrize("smoothness", [0.0, -1.0, np.nan, np.inf])
+def test_a_smoothness_that_is_not_positive_is_refused(smoothness):
+    with pytest.raises(scso.ProblemError, match=f"smoothness is {smoothness:g}, expected a positive number"):
+        scso.ActivationDynamics(smoothness=smoothness)

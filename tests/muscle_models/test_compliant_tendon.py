@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms
+from helpers import evaluate_terms, random_problem, stability_by_hand, with_stability
 from muscle_models.mixed_muscles import (
     CLASSES,
     DE_GROOTE,
@@ -24,6 +24,7 @@ from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames, solve_equilibrium
 from scso_nlp.muscle_models.hill_muscle import tendon_force as force_of_tendon
 from scso_nlp.muscle_models.muscle_classes import muscle_groups
+from scso_nlp.transcription.build import describe, split_rows
 
 FIBERS = "CompliantTendon.fiber_length_along_tendon"
 ELASTIC = [m for m, name in enumerate(CLASSES) if name != RIGID]
@@ -309,3 +310,25 @@ def test_both_solvers_agree_on_a_walk_with_elastic_tendons(walk, fiber_velocity)
     np.testing.assert_allclose(whole.activation, single.activation, atol=1e-6)
     strength = problem.muscles.max_isometric_force
     np.testing.assert_allclose(whole.tendon_force / strength, single.tendon_force / strength, atol=1e-6)
+
+
+def test_stability_rows_of_elastic_tendons_are_affine_and_kept(rng):
+    """The row is what helpers compute by hand from the tendon forces, and is no expression for the solver."""
+    problem = random_problem(rng, n_frames=2, n_muscles=8, reserve=5.0, muscle_model=scso.CompliantTendon())
+    path = problem.trajectory.muscle_tendon_length.mean(axis=0)
+    muscles = dataclasses.replace(
+        problem.muscles, tendon_slack_length=0.6 * path, optimal_fiber_length=0.4 * path
+    )
+    problem = with_stability(dataclasses.replace(problem, muscles=muscles), 20.0)
+    split = split_rows(describe(problem))
+    n_muscles = problem.muscles.n_muscles
+    assert sum(rows.size for _, rows in split.nonlinear) == 2 * n_muscles, "only the model's own rows"
+    soft = dataclasses.replace(problem.constraints[1], soft=1.0)
+    problem = dataclasses.replace(problem, constraints=(problem.constraints[0], soft))
+    solution = scso.solve_trajectory(problem)
+    stiffness, work = stability_by_hand(problem)
+    reached = np.einsum("kum,km->ku", stiffness, solution.tendon_force) - work
+    missed = solution.variables["JointStability.missed"]
+    assert (reached + missed > 20.0 - 1e-5).all()
+    at_price = missed > 1e-3
+    np.testing.assert_allclose((reached + missed)[at_price], 20.0, atol=1e-4)
