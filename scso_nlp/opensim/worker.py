@@ -576,6 +576,9 @@ class Engine:
         self._body_index = {int(self.model.getGround().getMobilizedBodyIndex()): 0}
         for b, body in enumerate(self.bodies, start=1):
             self._body_index[int(body.getMobilizedBodyIndex())] = b
+        self._mobilized = np.array(
+            [int(body.getMobilizedBodyIndex()) for body in self.bodies], dtype=np.int64
+        )
         self.body_names = ["ground", *(body.getName() for body in self.bodies)]
         self.body_masses = np.array([0.0, *(float(body.getMass()) for body in self.bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self.bodies]
@@ -646,13 +649,13 @@ class Engine:
         osim = self.osim
         self._paths = [muscle.getPath() for muscle in self.muscles]
         self.geometry = [osim.GeometryPath.safeDownCast(path) for path in self._paths]
-        self._fixed_points: list[tuple[NDArray[np.int64], Array] | None] = []
+        self.fixed_points: list[tuple[NDArray[np.int64], Array] | None] = []
         self.moves: list[bool] = []
         self._drives_mobilities: list[bool] = []
         for geometry in self.geometry:
             if geometry is None:
                 self._drives_mobilities.append(True)
-                self._fixed_points.append((np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+                self.fixed_points.append((np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
                 self.moves.append(True)
                 continue
             points = geometry.getPathPointSet()
@@ -661,14 +664,14 @@ class Engine:
             self._drives_mobilities.append(any(kind == "MovingPathPoint" for kind in kinds))
             self.moves.append(wraps or any(kind != "PathPoint" for kind in kinds))
             if self.moves[-1]:
-                self._fixed_points.append(None)
+                self.fixed_points.append(None)
                 continue
             ends, locations = [], []
             for i in range(points.getSize()):
                 body, location = self._point_in_body(points.get(i))
                 ends.append(body)
                 locations.append(location)
-            self._fixed_points.append((np.array(ends, dtype=np.int64), np.array(locations)))
+            self.fixed_points.append((np.array(ends, dtype=np.int64), np.array(locations)))
 
     def _point_in_body(self, point: Any) -> tuple[int, Array]:
         frame = point.getParentFrame()
@@ -857,7 +860,7 @@ class Engine:
         constraints = self.constraint_matrix(self.state) if self.is_constrained else np.zeros((0, self.n_u))
         coupling = self.coupling(constraints)
         accelerations = self._accelerations(motion.accelerations[row], constraints)
-        self.poses = self._body_poses()
+        self.poses = self.body_poses(self.state)
         net = self.inverse_dynamics(accelerations)
         result = {
             "time": np.array(motion.time[row]),
@@ -949,38 +952,35 @@ class Engine:
             values += [record.get(i) for i in range(n_labels)]
         return np.array(values, dtype=float)
 
-    def station(self, state: Any, body: int, point: Any) -> Array:
-        """Return where a point of a body (0 is ground) is in ground [m]."""
-        if body == 0:
-            return np.array(point.to_numpy())
-        return np.array(self.bodies[body - 1].findStationLocationInGround(state, point).to_numpy())
-
-    def generalized(self, state: Any, wrenches: dict[int, tuple[Array, Array]]) -> Array:
-        """Return the generalized force of moments and forces at bodies' origins, shape (n_u,)."""
-        osim = self.osim
-        body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
-        for body, (moment, force) in wrenches.items():
-            if body:
-                index = int(self.bodies[body - 1].getMobilizedBodyIndex())
-                wrench = osim.SpatialVec(osim.Vec3(*moment.tolist()), osim.Vec3(*force.tolist()))
-                body_forces.set(index, wrench)
-        self.matter.multiplyBySystemJacobianTranspose(state, body_forces, self._vector)
-        return np.array(self._vector.to_numpy())
-
     # -- skeleton
 
-    def _body_poses(self) -> tuple[Array, Array]:
-        """Return rotation (columns are the body's axes) and origin of every body in ground."""
+    def body_poses(
+        self, state: Any, chosen: list[int] | None = None, others: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array]:
+        """Return rotation (columns are the body's axes) and origin of every body in ground.
+
+        Bodies that are not chosen keep the poses given.
+        """
         rotations, origins = np.zeros((len(self.body_names), 3, 3)), np.zeros((len(self.body_names), 3))
         rotations[0] = np.eye(3)
-        for b, body in enumerate(self.bodies, start=1):
-            for i, point in enumerate(self._frame_points):
-                station = body.findStationLocationInGround(self.state, point).to_numpy()
-                if i == 0:
-                    origins[b] = station
-                else:
-                    rotations[b, :, i - 1] = station - origins[b]
+        if others is not None:
+            rotations, origins = others[0].copy(), others[1].copy()
+        for b in range(1, len(self.body_names)) if chosen is None else chosen:
+            stations = [
+                self.bodies[b - 1].findStationLocationInGround(state, point).to_numpy()
+                for point in self._frame_points
+            ]
+            origins[b] = stations[0]
+            rotations[b] = np.stack([station - stations[0] for station in stations[1:]], axis=1)
         return rotations, origins
+
+    def body_velocities(self, state: Any) -> Array:
+        """Return angular velocity and velocity of every body's origin per mobility, (n_bodies, 6, n_u)."""
+        self.matter.calcSystemJacobian(state, self._matrix)
+        jacobian = np.array(self._matrix.to_numpy()).reshape(-1, 6, self.n_u)
+        velocities = np.zeros((len(self.body_names), 6, self.n_u))
+        velocities[1:] = jacobian[self._mobilized]
+        return velocities
 
     def _skeleton(self, rotations: Array, origins: Array) -> dict[str, Array]:
         forces, points, torques = self._load_vectors()
@@ -1040,7 +1040,7 @@ class Engine:
 
     def _path_points(self, rotations: Array, origins: Array) -> dict[str, Array]:
         per_muscle: list[tuple[NDArray[np.int64], Array, NDArray[np.bool_]]] = []
-        for geometry, fixed in zip(self.geometry, self._fixed_points, strict=True):
+        for geometry, fixed in zip(self.geometry, self.fixed_points, strict=True):
             if fixed is not None:
                 bodies, locations = fixed
                 points = np.einsum("pij,pj->pi", rotations[bodies], locations) + origins[bodies]
@@ -1209,11 +1209,26 @@ def rotation(axes: Array, angles: Array) -> Array:
     -------
     ndarray, shape (n, 3, 3)
     """
-    cross = np.zeros((len(axes), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axes[:, 2], axes[:, 1], -axes[:, 0]
-    cross -= cross.transpose(0, 2, 1)
+    cross = cross_matrices(axes)
     angles = np.asarray(angles)[:, None, None]
     return np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
+
+
+def cross_matrices(vectors: Array) -> Array:
+    """Return the matrices that take the cross product with vectors from the left.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (..., 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    matrices = np.zeros((*vectors.shape[:-1], 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrices[..., i, j], matrices[..., j, i] = -vectors[..., k], vectors[..., k]
+    return matrices
 
 
 # ------------------------------------------------------------------------------------- virtual rotations
@@ -1367,8 +1382,8 @@ class VirtualRotations:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stencil:
-    """What is computed at one point of the stencil.
+class PathsNearby:
+    """Paths at one point of the stencil.
 
     Attributes
     ----------
@@ -1376,12 +1391,25 @@ class Stencil:
         Moment arms of the muscles asked for.
     sizes : ndarray of int, shape (n,)
         Numbers of points of their paths.
+    """
+
+    arms: Array
+    sizes: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodiesNearby:
+    """What follows from bodies at one point of the stencil.
+
+    Attributes
+    ----------
+    arms : ndarray, shape (n_chosen, n_fixed) [m]
+        Moment arms of the muscles whose points are all fixed to bodies.
     loads, passive : ndarray, shape (n_chosen,) [N·m]
         Generalized forces of weights and external loads, and of passive elements, at rest.
     """
 
     arms: Array
-    sizes: NDArray[np.int64]
     loads: Array
     passive: Array
 
@@ -1395,9 +1423,11 @@ def _close(one: Array, other: Array) -> NDArray[np.bool_]:
 class CoordinateDerivatives:
     """Derivatives of moment arms, loads and passive forces with respect to chosen free coordinates.
 
-    Central differences of OpenSim's own moment arms, reduced to the free coordinates at every point of the
-    stencil, so that dependent coordinates follow their constraints. Where a path changes its points or two
-    steps disagree, the side or step without the artefact is taken and the muscle is marked.
+    Central differences of moment arms, reduced to the free coordinates at every point of the stencil, so
+    that dependent coordinates follow their constraints. Moment arms are OpenSim's own; only those of points
+    fixed to bodies, along coordinates without splines, come from the bodies' poses and velocities, all
+    muscles together. Where a path changes its points or two steps disagree, the side or step without the
+    artefact is taken and the muscle is marked.
     """
 
     def __init__(self, engine: Engine, chosen: list[str]) -> None:
@@ -1415,10 +1445,11 @@ class CoordinateDerivatives:
         self._no_acceleration = np.zeros(engine.n_u)
         self._unconstrained = np.zeros((0, engine.n_u))
         self._gravity = np.array(engine.model.getGravity().to_numpy())
-        self._origin = osim.Vec3(0)
-        self._heavy = [b for b in self._moved_bodies() if engine.body_masses[b] > 0]
-        self._centers = {b: osim.Vec3(*engine.mass_centers[b].tolist()) for b in self._heavy}
-        self._load_bodies = [engine.load_body(load) for load in engine.loads]
+        self._moved = self._moved_bodies()
+        followers = self._followers()
+        self._has_followers = [len(followers[int(engine.free[c])]) > 1 for c in self.columns]
+        self._load_bodies = np.array([engine.load_body(load) for load in engine.loads], dtype=np.int64)
+        self._lay_out_fixed_paths()
         #: frames in which each muscle's curvature is uncertain
         self.uncertain = np.zeros(len(engine.muscles), dtype=np.int64)
 
@@ -1526,7 +1557,10 @@ class CoordinateDerivatives:
         engine, n = self.engine, len(self.columns)
         n_muscles = len(engine.muscles)
         self._take_pose()
-        self._load_points = self._points_in_bodies(frame)
+        rotations, origins = engine.poses
+        bodies = self._load_bodies
+        # where the loads act, fixed to their bodies
+        self._load_points = np.einsum("lba,lb->la", rotations[bodies], frame["load_points"] - origins[bodies])
         slopes = np.zeros((n, n, n_muscles))
         loads, passive = np.zeros((n, n)), np.zeros((n, n))
         is_uncertain = np.zeros(n_muscles, dtype=bool)
@@ -1534,16 +1568,15 @@ class CoordinateDerivatives:
         sizes = self._sizes(np.arange(n_muscles))
         for j in range(n):
             muscles = np.flatnonzero(self._depends[:, j])
-            plain = muscles[[self._smooth[j] and not engine.moves[m] for m in muscles]]
-            others = np.setdiff1d(muscles, plain)
-            before, after = (self._at(j, sign * FINE_STEP, plain, frame) for sign in (-1, 1))
-            slopes[:, j, plain] = (after.arms - before.arms) / (2 * FINE_STEP)
+            others = muscles[[not self._smooth[j] or engine.moves[m] for m in muscles]]
+            before, after = (self._bodies_at(j, sign * FINE_STEP, frame) for sign in (-1, 1))
+            slopes[:, j, self._fixed] = (after.arms - before.arms) / (2 * FINE_STEP)
             loads[:, j] = -(after.loads - before.loads) / (2 * FINE_STEP)
             passive[:, j] = -(after.passive - before.passive) / (2 * FINE_STEP)
             if others.size:
                 slopes[:, j, others], doubtful = self._judge(j, others, base[:, others], sizes[others])
                 is_uncertain[others] |= doubtful
-            self._move(j, 0.0)
+            self._set(j, 0.0)
         # a muscle's own rows only: beyond wraps OpenSim has traces of moment arms that no length follows
         slopes *= self._depends.T[:, None, :] & self._depends.T[None, :, :]
         asymmetry = np.abs(slopes - slopes.transpose(1, 0, 2)).max(axis=(0, 1), initial=0.0)
@@ -1604,37 +1637,90 @@ class CoordinateDerivatives:
         state.setU(self._rest)
         self.engine.model.realizePosition(state)
         self._values = [coordinate.getValue(state) for coordinate in self.engine.coordinates]
+        self._frame_coupling = self._coupling()
 
     def _move(self, j: int, step: float) -> None:
         """Move one chosen coordinate away from the frame's pose; dependent ones follow."""
+        self._set(j, step)
+        self.engine.model.realizePosition(self.state)
+        if self._has_followers[j]:
+            self.engine.close_loops(self.state)
+
+    def _set(self, j: int, step: float) -> None:
         engine, state = self.engine, self.state
         values = np.array(self._values)
         k = int(engine.free[self.columns[j]])
         values[k] += step
-        engine.follow(values)
-        for i in {k, *np.flatnonzero(engine.dependent).tolist()}:
+        moved = [k]
+        if self._has_followers[j]:
+            engine.follow(values)
+            moved += np.flatnonzero(engine.dependent).tolist()
+        for i in moved:
             if not engine.is_locked[i]:
                 engine.coordinates[i].setValue(state, float(values[i]), False)
-        engine.model.realizePosition(state)
-        if engine.is_constrained:
-            engine.close_loops(state)
 
-    def _at(
-        self, j: int, step: float, muscles: NDArray[np.int64], frame: dict[str, Array] | None = None
-    ) -> Stencil:
-        """Return moment arms over the chosen coordinates at a point of the stencil; loads for a frame."""
+    def _at(self, j: int, step: float, muscles: NDArray[np.int64]) -> PathsNearby:
+        """Return OpenSim's moment arms of some muscles at a point of the stencil."""
+        self._move(j, step)
+        arms = self._coupling(j).T @ self.engine.path_columns(self.state, muscles)
+        return PathsNearby(arms=arms, sizes=self._sizes(muscles))
+
+    def _coupling(self, j: int | None = None) -> Array:
+        """Return du over the speeds of the chosen coordinates, shape (n_u, n_chosen).
+
+        It stays as it is in the frame when a coordinate moves that no other one follows.
+        """
+        engine = self.engine
+        if j is not None and not self._has_followers[j]:
+            return self._frame_coupling
+        constraints = engine.constraint_matrix(self.state) if engine.is_constrained else self._unconstrained
+        return engine.coupling(constraints)[:, self.columns]
+
+    def _bodies_at(self, j: int, step: float, frame: dict[str, Array]) -> BodiesNearby:
+        """Return what follows from the bodies' poses and velocities at a point of the stencil."""
         engine = self.engine
         self._move(j, step)
-        constraints = engine.constraint_matrix(self.state) if engine.is_constrained else self._unconstrained
-        coupling = engine.coupling(constraints)[:, self.columns]
-        arms = coupling.T @ engine.path_columns(self.state, muscles)
-        loads = passive = np.zeros(len(self.columns))
-        if frame is not None:
-            weight, load = self._load_forces(frame)
-            loads = coupling.T @ (weight + load)
-            if engine.passives:
-                passive = -coupling.T @ (engine.inverse_dynamics(self._no_acceleration, self.state) + weight)
-        return Stencil(arms=arms, sizes=self._sizes(muscles), loads=loads, passive=passive)
+        coupling = self._coupling(j)
+        rotations, origins = engine.body_poses(self.state, self._moved, engine.poses)
+        velocities = engine.body_velocities(self.state) @ coupling
+        turning, moving = velocities[:, :3], velocities[:, 3:]
+
+        def shifts(bodies: NDArray[np.int64], arms: Array) -> Array:
+            """Velocities of points at some arm from their bodies' origins, (..., 3, n_chosen)."""
+            return moving[bodies] - cross_matrices(arms) @ turning[bodies]
+
+        bodies = self._point_bodies
+        arms = np.einsum("mpij,mpj->mpi", rotations[bodies], self._point_locations)
+        segments = np.diff(origins[bodies] + arms, axis=1)
+        lengths = np.linalg.norm(segments, axis=2)
+        directions = np.where(self._is_segment[..., None], segments, 0.0)
+        directions /= np.where(self._is_segment, lengths, 1.0)[..., None]
+        moment_arms = -np.einsum("mpi,mpic->cm", directions, np.diff(shifts(bodies, arms), axis=1))
+        weights = engine.body_masses[:, None] * self._gravity
+        every = np.arange(len(weights))
+        centers = np.einsum("bij,bj->bi", rotations, engine.mass_centers)
+        weight = np.einsum("bi,bic->c", weights, shifts(every, centers))
+        load_arms = np.einsum("lij,lj->li", rotations[self._load_bodies], self._load_points)
+        load = np.einsum("li,lic->c", frame["load_forces"], shifts(self._load_bodies, load_arms))
+        load += np.einsum("li,lic->c", frame["load_torques"], turning[self._load_bodies])
+        passive = np.zeros(len(self.columns))
+        if engine.passives:
+            passive = -coupling.T @ engine.inverse_dynamics(self._no_acceleration, self.state) - weight
+        return BodiesNearby(arms=moment_arms, loads=weight + load, passive=passive)
+
+    def _lay_out_fixed_paths(self) -> None:
+        """Put the points of all paths that are fixed to bodies into arrays, padded by their last point."""
+        engine = self.engine
+        self._fixed = np.array([m for m, moves in enumerate(engine.moves) if not moves], dtype=np.int64)
+        paths = [path for path in (engine.fixed_points[m] for m in self._fixed) if path is not None]
+        n_points = max((len(bodies) for bodies, _ in paths), default=1)
+        self._point_bodies = np.zeros((len(paths), n_points), dtype=np.int64)
+        self._point_locations = np.zeros((len(paths), n_points, 3))
+        self._is_segment = np.zeros((len(paths), n_points - 1), dtype=bool)
+        for i, (bodies, locations) in enumerate(paths):
+            self._point_bodies[i], self._point_locations[i] = bodies[-1], locations[-1]
+            self._point_bodies[i, : len(bodies)], self._point_locations[i, : len(bodies)] = bodies, locations
+            self._is_segment[i, : len(bodies) - 1] = True
 
     def _sizes(self, muscles: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the numbers of path points; 0 for paths whose points never change."""
@@ -1645,32 +1731,6 @@ class CoordinateDerivatives:
             if engine.moves[m] and geometry is not None:
                 sizes[m] = geometry.getCurrentPath(self.state).getSize()
         return sizes[muscles]
-
-    def _points_in_bodies(self, frame: dict[str, Array]) -> list[Any]:
-        """Return where each external load acts, fixed to its body."""
-        rotations, origins = self.engine.poses
-        points = []
-        for body, point in zip(self._load_bodies, frame["load_points"], strict=True):
-            points.append(self.engine.osim.Vec3(*(rotations[body].T @ (point - origins[body])).tolist()))
-        return points
-
-    def _load_forces(self, frame: dict[str, Array]) -> tuple[Array, Array]:
-        """Return the generalized forces of weights and of external loads on every mobility, shape (n_u,)."""
-        engine, state = self.engine, self.state
-        origins = {b: engine.station(state, b, self._origin) for b in {*self._heavy, *self._load_bodies}}
-        arms = [engine.station(state, b, self._centers[b]) - origins[b] for b in self._heavy]
-        forces = engine.body_masses[self._heavy, None] * self._gravity
-        moments = np.cross(np.reshape(arms, (-1, 3)), forces)
-        weights = {b: (moments[i], forces[i]) for i, b in enumerate(self._heavy)}
-        pairs = zip(self._load_bodies, self._load_points, strict=True)
-        arms = [engine.station(state, b, point) - origins[b] for b, point in pairs]
-        forces = frame["load_forces"]
-        moments = np.cross(np.reshape(arms, (-1, 3)), forces) + frame["load_torques"]
-        loads: dict[int, tuple[Array, Array]] = {}
-        for i, b in enumerate(self._load_bodies):
-            moment, force = loads.get(b, (np.zeros(3), np.zeros(3)))
-            loads[b] = (moment + moments[i], force + forces[i])
-        return engine.generalized(state, weights), engine.generalized(state, loads)
 
 
 if __name__ == "__main__":
