@@ -13,7 +13,7 @@ import numpy as np
 
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
 from scso_nlp.io.results import RunRecord, write_solution
-from scso_nlp.muscle_models import MuscleModel, NoPhysiology, RigidTendon
+from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
 from scso_nlp.objectives import ActivationEffort
 from scso_nlp.opensim.engine import Motion, input_hashes, load_motion
 from scso_nlp.problem import MuscleForceProblem, static_optimization
@@ -88,6 +88,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
             "exponent": settings.exponent,
             "weights": settings.weights,
             "muscle_physiology": settings.muscle_physiology,
+            "muscle_model": settings.muscle_model,
             "stability": None if settings.stability is None else vars(settings.stability),
             "solver": settings.solver,
         },
@@ -109,8 +110,15 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
-    muscle_model: MuscleModel = RigidTendon() if settings.muscle_physiology else NoPhysiology()
-    problem = static_optimization(*motion, muscle_model=muscle_model, exponent=settings.exponent)
+    models: dict[str, MuscleModel] = {
+        "opensim-rigid": RigidTendon(),
+        "physical-rigid": RigidTendon(convention="physical"),
+        "compliant": CompliantTendon(),
+        "none": NoPhysiology(),
+    }
+    problem = static_optimization(
+        *motion, muscle_model=models[settings.muscle_model], exponent=settings.exponent
+    )
     if settings.weights is not None:
         effort = ActivationEffort(exponent=settings.exponent, weights=settings.weights)
         problem = replace(problem, objectives=(effort,))

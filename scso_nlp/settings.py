@@ -41,6 +41,8 @@ STIFFNESS_LAWS: dict[str, type[StiffnessLaw]] = {
 }
 #: What the settings file may ask for in `solver`.
 SOLVERS = ("trajectory", "framewise")
+#: What it may ask for in `muscle_model`.
+MUSCLE_MODELS = ("opensim-rigid", "physical-rigid", "compliant", "none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +59,9 @@ class RunSettings:
         Power of the activations.
     weights : None, "volume", "pcsa" or mapping of str to float
         As for :class:`~scso_nlp.ActivationEffort`.
-    muscle_physiology : bool
-        Force-length-velocity as OpenSim's static optimization has it; otherwise force proportional to
-        activation.
+    muscle_model : "opensim-rigid", "physical-rigid", "compliant" or "none"
+        Force-length-velocity as OpenSim's static optimization has it, with the textbook's rigid tendon, or
+        with elastic tendons; or force proportional to activation.
     stability : StabilityConstraint or None
         None: plain static optimization.
     solver : "trajectory" or "framewise"
@@ -72,7 +74,7 @@ class RunSettings:
     analysis_name: str = "StaticOptimization"
     exponent: float = 2.0
     weights: str | Mapping[str, float] | None = None
-    muscle_physiology: bool = True
+    muscle_model: str = "opensim-rigid"
     stability: StabilityConstraint | None = None
     solver: str = "trajectory"
     options: SolverOptions = field(default_factory=SolverOptions)
@@ -81,6 +83,15 @@ class RunSettings:
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
             raise ProblemError(f"solver is {self.solver!r}, expected one of {', '.join(SOLVERS)}")
+        if self.muscle_model not in MUSCLE_MODELS:
+            raise ProblemError(
+                f"muscle_model is {self.muscle_model!r}, expected one of {', '.join(MUSCLE_MODELS)}"
+            )
+
+    @property
+    def muscle_physiology(self) -> bool:
+        """True if force depends on fiber length and velocity."""
+        return self.muscle_model != "none"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,6 +271,11 @@ KEYS: dict[str, Key] = {
         group=_PROBLEM, read=_flag, example="true",
         help="force-length-velocity with a rigid tendon; false: force = activation x strength",
     ),
+    "muscle_model": Key(
+        group=_PROBLEM, read=_one_of(*MUSCLE_MODELS), example='"opensim-rigid"',
+        help='"opensim-rigid" as OpenSim\'s static optimization, "physical-rigid", "compliant" tendons or '
+        '"none"; instead of muscle_physiology',
+    ),
     "weights": Key(
         group=_PROBLEM, read=_weights, example='"volume"',
         help='weights of activations, 1 by default: "volume", "pcsa" or e.g. { "soleus_*" = 2.0 }',
@@ -384,6 +400,10 @@ def read_settings(
         given = {"setup": Path(os.path.abspath(path))}
     changed = _checked({k: v for k, v in (changes or {}).items() if v is not None}, "the options", Path.cwd())
     _refuse_idle_stability(given, changed)
+    if changed.keys() & {"muscle_model", "muscle_physiology"}:
+        given = {
+            name: value for name, value in given.items() if name not in ("muscle_model", "muscle_physiology")
+        }
     given |= changed
     output = OutputSettings(
         folder=given.get("output"),
@@ -480,12 +500,27 @@ def _run_settings(given: Mapping[str, Any], source: Path) -> RunSettings:
         analysis_name=setup.analysis_name if setup else "StaticOptimization",
         exponent=given.get("exponent", setup.activation_exponent if setup else 2.0),
         weights=given.get("weights"),
-        muscle_physiology=given.get("muscle_physiology", setup.use_muscle_physiology if setup else True),
+        muscle_model=_muscle_model(given, setup),
         stability=_stability(given),
         solver=given.get("solver", "trajectory"),
         sources=tuple(dict.fromkeys((source, *([given["setup"]] if setup else [])))),
         options=SolverOptions(**{k: given[k] for k in ("tolerance", "max_iterations") if k in given}),
     )
+
+
+def _muscle_model(given: Mapping[str, Any], setup: AnalyzeSetup | None) -> str:
+    """Choose the muscle model; `muscle_physiology` is the short form for two of them."""
+    physiology, model = given.get("muscle_physiology"), given.get("muscle_model")
+    if model is None:
+        if physiology is None:
+            physiology = setup.use_muscle_physiology if setup else True
+        return "opensim-rigid" if physiology else "none"
+    if physiology is not None and physiology != (model != "none"):
+        raise ProblemError(
+            f"muscle_model is {model!r} and muscle_physiology is {str(physiology).lower()}, which contradict "
+            "each other; leave one of them out"
+        )
+    return str(model)
 
 
 def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:

@@ -89,6 +89,14 @@ def run(
             help="Force-length-velocity, or force = activation x strength. [default: as in the setup]",
         ),
     ] = None,
+    muscle_model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="opensim-rigid|physical-rigid|compliant|none",
+            help="OpenSim's own capacity, the textbook's rigid tendon, elastic tendons, or strength alone. "
+            "[default: opensim-rigid or none, as in the setup]",
+        ),
+    ] = None,
     keep_coupled_speeds: Annotated[
         bool | None,
         typer.Option(
@@ -137,6 +145,7 @@ def run(
             "keep_coupled_speeds": keep_coupled_speeds,
             "exponent": exponent,
             "muscle_physiology": muscle_physiology,
+            "muscle_model": muscle_model,
             "solver": solver,
             "keep_failed": keep_failed,
             "figures": figures,
