@@ -346,10 +346,10 @@ def write_paper_figures(folder: Path) -> None:
     eigenvalues = {simulation.name: smallest_eigenvalues(simulation) for simulation in (bent, lifted)}
     _write_tables(folder, (bent, lifted), differences, sweeps, eigenvalues)
     figures = {
-        "figure_3_symmetric": _bars(bent, "symmetric"),
-        "figure_4_asymmetric_right": _bars(bent, "asymmetric, right side"),
-        "figure_5_asymmetric_left": _bars(bent, "asymmetric, left side"),
-        "figure_6_load_height": _heights(lifted),
+        "figure_3_symmetric": task_figure(bent, "symmetric"),
+        "figure_4_asymmetric_right": task_figure(bent, "asymmetric, right side"),
+        "figure_5_asymmetric_left": task_figure(bent, "asymmetric, left side"),
+        "figure_6_load_height": height_figure(lifted),
         "sweep_simulation_1": _sweep_figure(bent, sweeps[bent.name]),
         "sweep_simulation_2": _sweep_figure(lifted, sweeps[lifted.name]),
         "muscle_lines": _lines(lifted),
@@ -429,8 +429,20 @@ def _comparison(simulation: Tasks, frames: slice, sides: Sequence[str]) -> Compa
     return compare(results, emg_map=_groups(sides), n_resamples=0)
 
 
-def _bars(simulation: Tasks, tasks: str) -> Figure:
-    """Activation per task and group, with the mean EMG that the paper's numbers imply."""
+def task_figure(simulation: Tasks, tasks: str) -> Figure:
+    """Draw activation per task and group, with the mean EMG that the paper's numbers imply.
+
+    Parameters
+    ----------
+    simulation : Tasks
+        The postures.
+    tasks : str
+        ``"symmetric"``, ``"asymmetric, right side"`` or ``"asymmetric, left side"``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     frames, sides = _SIDES[tasks]
     figure = plot_task_bars(
         _comparison(simulation, frames, sides),
@@ -450,8 +462,18 @@ def _bars(simulation: Tasks, tasks: str) -> Figure:
     return figure
 
 
-def _heights(simulation: Tasks) -> Figure:
-    """Mean abdominal and back activation and their ratio over the height of the load."""
+def height_figure(simulation: Tasks) -> Figure:
+    """Draw mean abdominal and back activation and their ratio over the height of the load.
+
+    Parameters
+    ----------
+    simulation : Tasks
+        Simulation 2.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     heights = np.array([float(task.split()[0]) for task in simulation.tasks[:5]])
     figure, panels = style.panel_grid(6, title="Simulation 2: height of a load", share_y=False)
     for row, mass in enumerate(PAPER_RATIO):

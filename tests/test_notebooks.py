@@ -22,6 +22,7 @@ def test_a_notebook_is_short_and_has_no_outputs(path):
     notebook = nbformat.read(path, 4)
     nbformat.validate(notebook)
     assert len(notebook.cells) < 15
+    assert sum(cell.source.count("**Question.**") for cell in notebook.cells) == 1
     assert notebook.cells[0].cell_type == "markdown"
     assert "**Question.**" in notebook.cells[0].source
     for cell in notebook.cells:
@@ -41,7 +42,8 @@ def test_a_notebook_runs_from_top_to_bottom(path, tmp_path, request, monkeypatch
         monkeypatch.setenv(
             "SCSO_DATA", os.environ.get("SCSO_DATA") or str(request.getfixturevalue("shared_data"))
         )
-    monkeypatch.setenv("MPLBACKEND", "agg")
+    # the kernel's own choice, as for a reader
+    monkeypatch.delenv("MPLBACKEND", raising=False)
     root = str(path.parent.parent)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")])))
     client = nbclient.NotebookClient(notebook, timeout=900, resources={"metadata": {"path": str(tmp_path)}})
@@ -50,3 +52,8 @@ def test_a_notebook_runs_from_top_to_bottom(path, tmp_path, request, monkeypatch
         warnings.simplefilter("ignore")
         client.execute()
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    drawn = [out for cell in code for out in cell.outputs if "image/png" in out.get("data", {})]
+    # a figure that is made without pyplot is only seen after %matplotlib inline
+    makes_figures = any(word in cell.source for cell in code for word in ("plot_", "plt.", "_figure("))
+    assert bool(drawn) == makes_figures

@@ -41,6 +41,11 @@ COORDINATES = tuple(
 #: recorded moments (short by up to 17 N·m at single levels). 1 N·m of reserve costs as much as a muscle at
 #: full activation.
 RESERVE = 1.0
+#: Passive rotational stiffness of one lumbar level by rotation [N·m/deg]: Schmidt et al. (1998), with that of
+#: flexion, which is less than that of extension (2.6).
+PASSIVE_STIFFNESS = {"Flex_Ext": 1.8, "Lat_Bending": 2.3, "axial_rotation": 8.4}
+#: Joint axis about which each rotation turns, as rows are called.
+AXES = {"Flex_Ext": "z", "Lat_Bending": "x", "axial_rotation": "y"}
 #: Muscle groups and EMG channels.
 EMG_MAP = Path(__file__).parent / "emg_map.toml"
 
@@ -59,7 +64,7 @@ def make_problem(
     step_interval : int
         Take every n-th frame of the recording (15 per second).
     with_curvature : bool
-        Extract the second derivatives of the paths too, which :func:`with_matrix_stability` needs.
+        Extract the second derivatives of the paths too, which :class:`scso_nlp.HessianStability` needs.
 
     Returns
     -------
@@ -104,6 +109,26 @@ def make_problem(
     return stability_constrained_static_optimization(
         trajectory, muscles, actuators, stability=JointStability(q=q, joints=JOINTS)
     )
+
+
+def passive_stiffness() -> tuple[dict[str, float], dict[str, float]]:
+    """Give the passive stiffness of every level.
+
+    Returns
+    -------
+    by_row : dict of str to float [N·m/rad]
+        For :class:`scso_nlp.JointStability`.
+    by_coordinate : dict of str to float [N·m/rad]
+        For :class:`scso_nlp.HessianStability`.
+    """
+    # per degree to per radian
+    values = {rotation: float(np.rad2deg(value)) for rotation, value in PASSIVE_STIFFNESS.items()}
+    by_row = {f"{joint}_{AXES[r]}": value for joint in JOINTS for r, value in values.items()}
+    by_coordinate = {
+        coordinate: next(value for r, value in values.items() if coordinate.endswith(r))
+        for coordinate in COORDINATES
+    }
+    return by_row, by_coordinate
 
 
 def emg_file(trial: str = "stoop15kg") -> Path:

@@ -139,14 +139,11 @@ def result_of(solution: Solution, label: str) -> MotionResult:
     -------
     MotionResult
     """
+    # the solver's side of the package, which tables made from result folders do not need
+    from scso_nlp.analysis.stability_margin import stability_margin
+
     trajectory = solution.problem.trajectory
-    rows: list[str] = []
-    values = [np.zeros((trajectory.n_frames, 0))]
-    for term in solution.problem.constraints:
-        result = solution.rows.get(term.name)
-        if result is not None and all(unit == "N·m/rad" for unit in result.unit):
-            rows.extend(result.names)
-            values.append(np.asarray(result.value))
+    margin = stability_margin(solution)
     report = solution.report
     return MotionResult(
         label=label,
@@ -155,8 +152,8 @@ def result_of(solution: Solution, label: str) -> MotionResult:
         muscles=trajectory.muscles,
         activation=solution.activation,
         is_solved=solution.is_solved,
-        stability_rows=tuple(rows),
-        stability=np.hstack(values),
+        stability_rows=() if margin is None else margin.rows,
+        stability=None if margin is None else margin.stability,
         report={
             "summary": solution.summary(),
             "problem": str(solution.problem),

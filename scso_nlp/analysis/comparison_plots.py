@@ -356,7 +356,8 @@ def plot_stability_contributions(
     title = "What each muscle adds to the stability of each axis"
     if n_columns < len(contributions.muscles):
         title += f" ({n_columns} of {len(contributions.muscles)} muscles)"
-    panel.set_title(title, fontsize=style.TEXT + 1, loc="left")
+    # of the figure, not of the panel: the panel may be narrower than the text
+    figure.suptitle(title, fontsize=style.TEXT + 1, x=0.01, ha="left")
     bar = figure.colorbar(image, ax=panel, shrink=0.9)
     bar.set_label("N·m/rad", fontsize=style.TEXT)
     bar.ax.tick_params(labelsize=style.TEXT - 1)

@@ -278,7 +278,9 @@ def test_a_solution_in_memory_gives_the_same_numbers_as_its_arrays():
     assert found.is_solved.tolist() == [True, True, False, True, True]
     assert found.activation == pytest.approx(solution.activation)
     assert found.stability_rows == solution.rows["JointStability"].names
-    assert found.stability == pytest.approx(solution.rows["JointStability"].value)
+    solved = solution.is_solved
+    assert found.stability[solved] == pytest.approx(solution.rows["JointStability"].value[solved])
+    assert np.isnan(found.stability[~solved]).all()
     plain = result_of(solution_by_hand(5, stability=False), "SO")
     assert plain.stability_rows == ()
     table = compare([plain, found]).rows

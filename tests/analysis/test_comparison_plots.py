@@ -141,7 +141,7 @@ def test_contributions_of_muscles_minus_the_load_add_up_to_the_stability_of_each
     # a muscle adds nothing to a joint that it does not cross
     assert found.values[0, 2:] == pytest.approx(0)
     figure = drawn(plots.plot_stability_contributions(found, most_muscles=2))
-    assert "2 of 4 muscles" in figure.axes[0].get_title(loc="left")
+    assert "2 of 4 muscles" in figure.get_suptitle()
     assert figure.axes[0].images[0].get_array().shape == (2, 2)
 
 
