@@ -76,14 +76,12 @@ def page(tmp_path):
 def visit(folder, address, page):
     """Write a page, open it, and give its elements and what the console said."""
     (folder / "around.html").write_text(page, encoding="utf-8")
-    done = subprocess.run(
-        [
-            BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-            "--no-first-run", f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr", "--window-size=1400,1000",
-            "--virtual-time-budget=10000", "--dump-dom", f"{address}/around.html",
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
+    options = (
+        "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+        "--enable-logging=stderr", "--window-size=1400,1000", "--virtual-time-budget=10000", "--dump-dom",
     )  # fmt: skip
+    command = [BROWSER, *options, f"--user-data-dir={folder / 'profile'}", f"{address}/around.html"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
