@@ -43,6 +43,9 @@ _REGULARIZATION = 1e-12
 #: A starting point keeps this share of the distance of two bounds, or this much of one, from them.
 _ROOM = 0.05
 
+#: A multiplier less than this share of the (scaled) matrix it belongs to is what the barrier left.
+_LEAST_PRICE = 1e-4
+
 #: Least slack of a bound or row at the starting point.
 _LEAST_SLACK = 1e-2
 
@@ -160,7 +163,8 @@ def solve_matrix_programs(
             done = _is_small(frames, point, residual, np.where(stuck, _LOOSE_TOLERANCE, _TOLERANCE))
             now = left[done]
             answer[now], is_solved[now] = point.x[done], True
-            multiplier[now] = point.multiplier[done] / frames.scale[done, None, None]
+            multiplier[now] = _of_null_space(point.multiplier[done], point.slack[done])
+            multiplier[now] /= frames.scale[done, None, None]
             upper_multiplier[now] = point.limit_multiplier[done, n : 2 * n]
             go_on = ~(done | stuck) & np.isfinite(residual.mean_product) & np.isfinite(point.x).all(axis=1)
             if not go_on.any():
@@ -181,6 +185,14 @@ def solve_matrix_programs(
         is_solved=is_solved,
         iterations=iterations,
     )
+
+
+def _of_null_space(multiplier: FloatArray, slack: FloatArray) -> FloatArray:
+    """Drop what the barrier left of multipliers (n_frames, size, size) where the matrix is not singular."""
+    values, vectors = np.linalg.eigh(multiplier)
+    stiffness = np.einsum("kji,kjl,kli->ki", vectors, slack, vectors)
+    kept = np.where(values > _LEAST_PRICE * stiffness, values, 0.0)
+    return (vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1)
 
 
 def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
