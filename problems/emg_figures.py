@@ -42,6 +42,7 @@ from scso_nlp.analysis.comparison_plots import (
 from scso_nlp.analysis.emg import read_emg, read_emg_map
 from scso_nlp.analysis.plots import plot_moments, plot_stability
 from scso_nlp.analysis.report import write_report
+from scso_nlp.exceptions import DataError
 
 #: Metrics that the Markdown page shows; the CSV file has all.
 SHOWN = ("mean absolute difference", "Pearson r", "mean activity", "activity ratio")
@@ -285,11 +286,16 @@ def main(arguments: list[str]) -> None:
     name = arguments[0]
     folder = Path(arguments[1]) if len(arguments) > 1 else Path("results") / name
     every = int(arguments[2]) if len(arguments) > 2 else 1
-    for make in STUDIES[name]:
-        study = make(every)
-        where = folder / study.name if len(STUDIES[name]) > 1 else folder
-        run_study(study, where)
-        sys.stdout.write(f"{study.name}: results, figures, tables, README.md and report.html in {where}\n")
+    try:
+        for make in STUDIES[name]:
+            study = make(every)
+            where = folder / study.name if len(STUDIES[name]) > 1 else folder
+            run_study(study, where)
+            sys.stdout.write(
+                f"{study.name}: results, figures, tables, README.md and report.html in {where}\n"
+            )
+    except DataError as error:
+        sys.exit(f"error: {error}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.objectives.function_objective import FunctionObjective
 from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
-from scso_nlp.trajectory import MotionTrajectory
+from scso_nlp.trajectory import MotionTrajectory, time_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class MuscleForceProblem:
 
     def __str__(self) -> str:
         trajectory = self.trajectory
-        span = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s"
+        span = f"{time_text(trajectory.time[0])} to {time_text(trajectory.time[-1])} s"
         lines = [
             f"{trajectory.name}: {trajectory.n_frames} frames from {span}, {self.muscles.n_muscles} muscles, "
             f"{len(trajectory.actuators)} actuators, {len(trajectory.coordinates)} free coordinates",

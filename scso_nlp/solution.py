@@ -10,6 +10,7 @@ import numpy as np
 
 from scso_nlp.exceptions import ScsoError
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
 
 
@@ -88,7 +89,8 @@ class Shortfall:
     helpers: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        short = f"{self.constraint}[{self.row}] short by {self.amount:.4g} {self.unit} at t = {self.time:g} s"
+        at = time_text(self.time)
+        short = f"{self.constraint}[{self.row}] short by {self.amount:.4g} {self.unit} at t = {at} s"
         remedy = "would help"
         if self.proven:
             short += " (beyond reach at any activation)"
@@ -192,7 +194,7 @@ class Solution:
         if not failed:
             return f"all {n_frames} frames solved, objective {self.objective:.6g}"
         time = self.problem.trajectory.time
-        times = ", ".join(f"{time[k]:g}" for k in failed[:5]) + (", …" if len(failed) > 5 else "")
+        times = ", ".join(time_text(time[k]) for k in failed[:5]) + (", …" if len(failed) > 5 else "")
         kinds = sorted({self.frame_status[k].name.lower().replace("_", " ") for k in failed})
         text = f"{len(failed)} of {n_frames} frames failed ({', '.join(kinds)}): t = {times} s"
         return text + (f"; worst: {self.shortfalls[0]}" if self.shortfalls else "")

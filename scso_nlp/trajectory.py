@@ -15,6 +15,8 @@ import numpy as np
 from scso_nlp.exceptions import DataError
 from scso_nlp.validation import BoolArray, FloatArray, IntArray, positions, read_only, unique_names
 
+#: Times beyond this need more than six digits to tell frames apart [s].
+LONG_AGO = 1e4
 #: Body index of a padding entry in `Skeleton.path_point_bodies`.
 NO_POINT = -1
 
@@ -345,6 +347,21 @@ class MotionTrajectory:
         if isinstance(start, int | np.integer):
             return _select_frames(self, slice(start, stop))
         return _select_frames(self, np.array(list(start), dtype=np.int64))
+
+
+def time_text(time: float) -> str:
+    """Write a time for a message: six digits, and milliseconds where time counts from long ago.
+
+    Parameters
+    ----------
+    time : float [s]
+
+    Returns
+    -------
+    str
+        Without unit. Epoch seconds would all look alike with six digits.
+    """
+    return f"{time:g}" if abs(time) < LONG_AGO else f"{time:.3f}"
 
 
 #: Fields whose first axis is not the frames.

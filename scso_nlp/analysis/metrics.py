@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.trajectory import time_text
 from scso_nlp.validation import FloatArray, read_only
 
 #: A series whose range is below this share of its largest value is constant: it has no correlation [-].
@@ -178,7 +179,8 @@ def cross_correlation(
     if len(uneven):
         k = int(uneven[0])
         raise DataError(
-            f"time is not uniform: {steps[k]:g} s after t = {time[k]:g} s where the median step is {step:g} s"
+            f"time is not uniform: {steps[k]:g} s after t = {time_text(time[k])} s where the median step is "
+            f"{step:g} s"
             "; resample on a uniform grid before looking for a lag"
         )
     if not max_lag >= 0:

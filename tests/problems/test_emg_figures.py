@@ -63,3 +63,9 @@ def test_passive_stiffness_is_that_of_the_source():
 def test_an_unknown_name_is_answered_with_the_usage():
     with pytest.raises(SystemExit, match=r"usage: python -m problems\.emg_figures"):
         module.main(["lifting"])
+
+
+def test_missing_data_end_in_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv(fetching.LOCAL_COPY, str(tmp_path))
+    with pytest.raises(SystemExit, match=r"^error: SCSO_DATA is set, but .* lacks "):
+        module.main(["gait_lower_limb", str(tmp_path / "out")])
