@@ -195,6 +195,15 @@ def _rows_may_be_added(problem: MuscleForceProblem) -> bool:
     )
 
 
+def _doubtful_frames(problem: MuscleForceProblem) -> set[int]:
+    return {
+        k
+        for term in problem.constraints
+        if isinstance(term, FrameConstraint)
+        for k in term.doubtful_frames(problem)
+    }
+
+
 def _tightened(problem: MuscleForceProblem, run: _Run, *, is_solution: bool) -> MuscleForceProblem | None:
     """Return the problem with the rows that its constraints add near a point, or None."""
     if not _rows_may_be_added(problem):
@@ -234,6 +243,9 @@ def _solve_rows(
         run.build_seconds += first.report.build_seconds
         run.solve_seconds += first.report.solve_seconds
     shortfalls = out_of_reach(program, split.affine)
+    reached = {shortfall.frame for shortfall in shortfalls}
+    for k in sorted(_doubtful_frames(problem) - reached):
+        shortfalls += infeasible_rows(program, split.affine, k)
     for shortfall in shortfalls:
         run.status[shortfall.frame] = Status.INFEASIBLE
     if problem.coupled_terms and shortfalls:

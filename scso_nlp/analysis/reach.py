@@ -16,7 +16,7 @@ from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.stability.critical_turns import solve_matrix_programs
+from scso_nlp.stability.critical_turns import highest_eigenvalues
 from scso_nlp.stability.hessian import describe_turn, smallest_eigenvalues
 from scso_nlp.transcription.build import describe, split_rows
 from scso_nlp.transcription.local_model import LocalModel, local_model
@@ -211,29 +211,10 @@ def _reach_of_rows(problem: MuscleForceProblem, term: StabilityConstraint, near:
 def _reach_of_hessian(problem: MuscleForceProblem, term: HessianStability, near: LocalModel) -> Reach:
     """Maximise the smallest eigenvalue, as one more unknown t with H - diag(level) - t 1 ⪰ 0."""
     terms = term.terms(problem)
-    n_frames, n = near.unknowns.shape
+    n_frames = len(near.unknowns)
     program = term.matrix_program(terms, near, near.bounds())
-    size = program.constant.shape[1]
-    scale = np.maximum(np.abs(program.matrices).max(axis=(1, 2, 3)), 1e-12)
-    eye = np.broadcast_to(np.eye(size), (n_frames, size, size))
-    free = np.full((n_frames, 1), np.inf)
-
-    def with_column(values: FloatArray) -> FloatArray:
-        return np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
-
-    answer = solve_matrix_programs(
-        replace(
-            program,
-            quadratic=np.zeros((n_frames, n + 1, n + 1)),
-            linear=np.concatenate([np.zeros((n_frames, n)), -np.ones((n_frames, 1))], axis=1),
-            equations=with_column(program.equations),
-            rows=with_column(program.rows),
-            lower=np.concatenate([program.lower, -free], axis=1),
-            upper=np.concatenate([program.upper, free], axis=1),
-            matrices=np.concatenate([program.matrices, -(scale[:, None, None] * eye)[:, None]], axis=1),
-        )
-    )
-    hessian = program.constant + np.einsum("kxij,kx->kij", program.matrices, answer.x[:, :n])
+    answer = highest_eigenvalues(program)
+    hessian = program.constant + np.einsum("kxij,kx->kij", program.matrices, answer.x)
     highest = np.full(n_frames, np.nan)
     turns = [""] * n_frames
     solved = answer.is_solved
@@ -241,7 +222,7 @@ def _reach_of_hessian(problem: MuscleForceProblem, term: HessianStability, near:
         highest[solved], modes = smallest_eigenvalues(hessian[solved])
         for k, mode in zip(np.flatnonzero(solved), modes, strict=True):
             turns[k] = describe_turn(terms.coordinates, mode)
-    helping = np.nan_to_num(answer.upper_multiplier[:, :n]) * scale[:, None] / near.program.layout.scale
+    helping = np.nan_to_num(answer.upper_multiplier) / near.program.layout.scale
     return Reach(
         constraint=term.name,
         time=problem.trajectory.time,

@@ -55,6 +55,10 @@ class FrameConstraint(Constraint, abc.ABC):
         """Name columns to be evaluated at the solution, for ``solution.quantities``; none by default."""
         return {}
 
+    def doubtful_frames(self, problem: MuscleForceProblem) -> tuple[int, ...]:
+        """Name frames that the rows probably make infeasible, to be tested first; none by default."""
+        return ()
+
     def row_label(self, problem: MuscleForceProblem, frame: int, row: int) -> str | None:
         """Say what a row is in one frame, for messages; None where its name says it all, by default."""
         return None

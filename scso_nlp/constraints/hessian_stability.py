@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE, StabilityConstraint
-from scso_nlp.stability.critical_turns import MatrixProgram, critical_turns, solve_matrix_programs
+from scso_nlp.stability.critical_turns import (
+    MatrixProgram,
+    critical_turns,
+    highest_eigenvalues,
+    solve_matrix_programs,
+)
 from scso_nlp.stability.hessian import (
     HessianTerms,
     describe_turn,
@@ -54,6 +59,8 @@ class HessianStability(StabilityConstraint):
         Passive stiffness with coupling between coordinates, besides `passive_stiffness` by coordinate.
     directions : ndarray, shape (n_frames, n_directions, n), or None
         Rows so far; zeros where a frame has fewer. None: each coordinate alone.
+    doubtful : tuple of int
+        Frames in which no Hessian above its levels was found; the solver tests them first.
 
     References
     ----------
@@ -64,6 +71,7 @@ class HessianStability(StabilityConstraint):
     model_passive: bool = True
     passive_matrix: FloatArray | None = None
     directions: FloatArray | None = field(default=None, repr=False)
+    doubtful: tuple[int, ...] = field(default=(), repr=False)
 
     def chosen(self, problem: MuscleForceProblem) -> tuple[str, ...]:
         """Names of the chosen coordinates."""
@@ -92,6 +100,10 @@ class HessianStability(StabilityConstraint):
         if self.directions is None:
             return self.chosen(problem)
         return tuple(f"turn_{i + 1}" for i in range(self.directions.shape[1]))
+
+    def doubtful_frames(self, problem: MuscleForceProblem) -> tuple[int, ...]:
+        """Name the frames in which no Hessian above its levels was found."""
+        return self.doubtful
 
     def row_label(self, problem: MuscleForceProblem, frame: int, row: int) -> str | None:
         """Describe the turn of a row by coordinate."""
@@ -147,13 +159,13 @@ class HessianStability(StabilityConstraint):
         terms = self.terms(problem)
         old = self._directions(problem)
         if not near.is_solution:
-            turns, found = self._deciding_turns(terms, near, np.arange(len(near.usable)))
+            turns, found, doubtful = self._deciding_turns(terms, near, np.arange(len(near.usable)))
             width = max(turns.shape[1], 0 if found.all() else old.shape[1])
             directions = np.zeros((len(found), width, old.shape[2]))
             directions[:, : turns.shape[1]] = turns
             if not found.all():
                 directions[~found, : old.shape[1]] = old[~found]
-            return replace(self, directions=directions)
+            return replace(self, directions=directions, doubtful=tuple(int(k) for k in doubtful))
         force, _ = near.tendon_force()
         stiffness, _ = near.quantity(f"{self.name}.muscle_stiffness")
         missed = self._missed(near)
@@ -165,7 +177,7 @@ class HessianStability(StabilityConstraint):
         # Eigenvalues rise, so the negative ones come first.
         most = int(negative.sum(axis=1).max())
         unstable = np.where(negative[:, :most, None], vectors.transpose(0, 2, 1)[:, :most], 0.0)
-        turns, _ = self._deciding_turns(terms, near, np.flatnonzero(negative.any(axis=1)))
+        turns, _, _ = self._deciding_turns(terms, near, np.flatnonzero(negative.any(axis=1)))
         return replace(self, directions=np.concatenate([old, unstable, turns], axis=1))
 
     def _missed(self, near: LocalModel) -> FloatArray:
@@ -176,18 +188,23 @@ class HessianStability(StabilityConstraint):
 
     def _deciding_turns(
         self, terms: HessianTerms, near: LocalModel, frames: IntArray
-    ) -> tuple[FloatArray, BoolArray]:
+    ) -> tuple[FloatArray, BoolArray, IntArray]:
         """Find the null space of the Hessian at the optimum, by a model of the problem without coupling.
+
+        Where there is no optimum, the turns are those that are left unstable at the highest eigenvalue.
 
         Returns
         -------
         turns : ndarray, shape (n_frames, n_turns, n)
             Unit vectors of the null space and their sums and differences; zeros where there are fewer.
         found : ndarray of bool, shape (n_frames,)
+        doubtful : ndarray of int
+            Frames whose highest eigenvalue is negative.
         """
         size = len(terms.coordinates)
         found = np.zeros(len(near.usable), dtype=bool)
         multiplier = np.zeros((found.size, size, size))
+        doubtful = [np.zeros(0, dtype=np.int64)]
         lower, upper = near.bounds()
         for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
             model, part_terms = near.frames(part), terms.frames(part)
@@ -210,7 +227,18 @@ class HessianStability(StabilityConstraint):
                 answer = solve_matrix_programs(first, program, model.unknowns)
             multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
             found[part] = answer.is_solved
-        return critical_turns(multiplier), found
+            lost = np.flatnonzero(~answer.is_solved)
+            if lost.size and near.is_quadratic:
+                raised = program(model.unknowns[lost], lost)
+                best = highest_eigenvalues(raised)
+                hessian = raised.constant + np.einsum("kxij,kx->kij", raised.matrices, best.x)
+                short = np.zeros(lost.size, dtype=bool)
+                least = np.linalg.eigvalsh(hessian[best.is_solved])[:, 0]
+                short[best.is_solved] = least < -EIGENVALUE_TOLERANCE
+                beyond = part[lost[short]]
+                multiplier[beyond], found[beyond] = best.multiplier[short], True
+                doubtful.append(beyond)
+        return critical_turns(multiplier), found, np.concatenate(doubtful)
 
     def matrix_program(
         self, terms: HessianTerms, near: LocalModel, bounds: tuple[FloatArray, FloatArray]

@@ -187,6 +187,54 @@ def solve_matrix_programs(
     )
 
 
+def highest_eigenvalues(program: MatrixProgram) -> MatrixProgramAnswer:
+    r"""Raise the smallest eigenvalue of every frame's matrix as far as rows and bounds allow.
+
+    .. math:: \max t \;\text{s.t.}\; K + \sum_i x_i G_i - t\,1 \succeq 0
+
+    Parameters
+    ----------
+    program : MatrixProgram
+        Its cost is not used.
+
+    Returns
+    -------
+    MatrixProgramAnswer
+        `x` without t; multipliers per unit of eigenvalue, that of the matrix has trace one.
+    """
+    n_frames, n = program.linear.shape
+    size = program.constant.shape[1]
+    scale = np.abs(program.matrices).max(axis=(1, 2, 3), initial=0.0)
+    scale = np.where(scale > 0, scale, 1.0)
+    eye = np.broadcast_to(np.eye(size), (n_frames, size, size))
+    free = np.full((n_frames, 1), np.inf)
+
+    def with_column(values: FloatArray) -> FloatArray:
+        return np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
+
+    answer = solve_matrix_programs(
+        MatrixProgram(
+            quadratic=np.zeros((n_frames, n + 1, n + 1)),
+            linear=np.concatenate([np.zeros((n_frames, n)), -np.ones((n_frames, 1))], axis=1),
+            equations=with_column(program.equations),
+            targets=program.targets,
+            rows=with_column(program.rows),
+            least=program.least,
+            lower=np.concatenate([program.lower, -free], axis=1),
+            upper=np.concatenate([program.upper, free], axis=1),
+            matrices=np.concatenate([program.matrices, -(scale[:, None, None] * eye)[:, None]], axis=1),
+            constant=program.constant,
+        )
+    )
+    return MatrixProgramAnswer(
+        x=answer.x[:, :n],
+        multiplier=answer.multiplier * scale[:, None, None],
+        upper_multiplier=answer.upper_multiplier[:, :n] * scale[:, None],
+        is_solved=answer.is_solved,
+        iterations=answer.iterations,
+    )
+
+
 def _of_null_space(multiplier: FloatArray, slack: FloatArray) -> FloatArray:
     """Drop what the barrier left of multipliers (n_frames, size, size) where the matrix is not singular."""
     values, vectors = np.linalg.eigh(multiplier)
