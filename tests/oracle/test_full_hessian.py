@@ -119,6 +119,14 @@ def test_frames_that_no_activation_stabilises_are_marked_infeasible(rng, solve):
         solve(broken)
 
 
+def test_a_motion_out_of_reach_is_proven_so_before_the_solver_is_called(rng):
+    problem = hessian_problem(rng, n_frames=3, stability=HessianStability(level=500.0))
+    solution = scso.solve_trajectory(problem, on_failure="return")
+    assert set(solution.frame_status) == {scso.Status.INFEASIBLE}
+    assert solution.report.iterations == 0
+    assert all(s.proven and s.helpers for s in solution.shortfalls)
+
+
 def test_coupled_frames_end_positive_semidefinite_at_no_more_cost_than_needed(rng):
     """With a cost on changes the turns of single frames are not those of the motion, until they are found."""
     problem = hessian_problem(rng, n_frames=4)
