@@ -6,6 +6,7 @@ back_lifting, walking_3d or gait_lower_limb. The data are fetched on first use, 
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -207,7 +208,7 @@ def run_study(study: Study, folder: Path) -> Comparison:
 
 
 def _file_name(method: str) -> str:
-    return "".join(letter if letter.isalnum() else "_" for letter in method).replace("___", "_")
+    return re.sub(r"\W+", "_", method)
 
 
 def _summary(study: Study, solutions: Mapping[str, Solution], comparison: Comparison) -> str:

@@ -22,6 +22,7 @@ from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.solution import Solution
+from scso_nlp.trajectory import LONG_AGO, time_text
 from scso_nlp.validation import FloatArray, read_only
 
 #: Up to this many frames are shown as separate tasks, with markers.
@@ -202,7 +203,9 @@ def plot_stability(
 def _horizontal(solution: Solution, horizontal: HorizontalAxis | None) -> tuple[FloatArray, str]:
     time = solution.problem.trajectory.time
     if horizontal is None:
-        return time, "Time [s]"
+        if abs(time[0]) < LONG_AGO:
+            return time, "Time [s]"
+        return time - time[0], f"Time since t = {time_text(time[0])} s [s]"
     values = read_only("horizontal values", horizontal.values, time.shape, "n_frames")
     if (np.diff(values) <= 0).any():
         raise DataError(f"the horizontal values of {horizontal.label!r} must increase from frame to frame")

@@ -98,6 +98,15 @@ def test_the_horizontal_axis_can_be_something_else_than_time():
         plot_moments(solution_by_hand(), horizontal=replace(axis, values=[0, 1]))
 
 
+def test_a_clock_that_counts_from_long_ago_starts_at_zero():
+    solution = solution_by_hand(5)
+    trajectory = replace(solution.problem.trajectory, time=solution.problem.trajectory.time + 1667315995.25)
+    late = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
+    figure = plot_activations(late)
+    assert figure.get_supxlabel() == "Time since t = 1667315995.250 s [s]"
+    assert figure.axes[0].get_xlim()[0] < 1
+
+
 @pytest.mark.parametrize("n_frames", [1, 2, 200])
 def test_titles_scales_and_legend_do_not_overlap_with_eighty_muscles(n_frames):
     solution = solution_by_hand(n_frames=n_frames, n_pairs=40, name="walking3d")
