@@ -46,6 +46,9 @@ _ROOM = 0.05
 #: A multiplier less than this share of the (scaled) matrix it belongs to is what the barrier left.
 _LEAST_PRICE = 1e-4
 
+#: Weights of the directions of a multiplier are similar if none is less than this share of the largest.
+_SIMILAR_WEIGHT = 1e-4
+
 #: Least slack of a bound or row at the starting point.
 _LEAST_SLACK = 1e-2
 
@@ -244,7 +247,11 @@ def _of_null_space(multiplier: FloatArray, slack: FloatArray) -> FloatArray:
 
 
 def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
-    """Pick the eigenvectors of the multipliers that carry weight, with their sums and differences.
+    r"""Choose rows v'Hv that together hold as much as the matrix inequality does at the optimum.
+
+    The multiplier Z is written as a sum :math:`\sum_i \lambda_i v_i v_i^T` with positive weights, so that the
+    rows of the turns v have the same optimum as the inequality, and with as many turns as pin every product
+    of two directions of Z's range to zero.
 
     Parameters
     ----------
@@ -260,21 +267,39 @@ def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
 
     Notes
     -----
-    The sums and differences pin the products of two turns to zero where the turns alone are pinned.
+    With r directions of similar weight these are r (r + 1) / 2 turns, all active. Where weights differ by
+    more than a factor of 10,000 they are the eigenvectors and their sums and differences, r² turns.
     """
     values, vectors = np.linalg.eigh(multiplier)
     values, vectors = values[:, ::-1], vectors[:, :, ::-1].transpose(0, 2, 1)
-    heavy = (values > share * values[:, :1]) & (values > 0)
-    most = int(heavy.sum(axis=1).max(initial=0))
-    turns = np.where(heavy[:, :most, None], vectors[:, :most], 0.0)
-    parts = [turns]
-    for i in range(most):
-        for j in range(i):
-            both = heavy[:, i, None] & heavy[:, j, None]
-            for sign in (1.0, -1.0):
-                combined = (turns[:, i] + sign * turns[:, j]) / np.sqrt(2.0)
-                parts.append(np.where(both, combined, 0.0)[:, None])
-    return np.concatenate(parts, axis=1)
+    rank = ((values > share * values[:, :1]) & (values > 0)).sum(axis=1)
+    turns = np.zeros((len(rank), int((rank**2).max(initial=0)), values.shape[1]))
+    for r in np.unique(rank[rank > 0]):
+        similar = values[:, r - 1] > _SIMILAR_WEIGHT * values[:, 0]
+        for frames, mix in (
+            (np.flatnonzero((rank == r) & similar), _tight_frame(r)),
+            (np.flatnonzero((rank == r) & ~similar), _sums_and_differences(r)),
+        ):
+            weight = np.sqrt(values[frames, :r]) if mix.shape[0] < r * r else np.ones((frames.size, r))
+            chosen = (mix * weight[:, None, :]) @ vectors[frames, :r]
+            turns[frames, : len(mix)] = chosen / np.linalg.norm(chosen, axis=2, keepdims=True)
+    used = (turns != 0).any(axis=(0, 2))
+    return turns[:, : int(used.sum())]
+
+
+def _tight_frame(r: int) -> FloatArray:
+    """Rows u, r (r + 1) / 2 of them, whose products u u' add up to one and span all symmetric matrices."""
+    pairs = [(i, j) for i in range(r) for j in range(i)]
+    rows = np.vstack([np.eye(r), *[(np.eye(r)[i] + np.eye(r)[j])[None] for i, j in pairs]])
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    return rows @ (vectors / np.sqrt(values)) @ vectors.T
+
+
+def _sums_and_differences(r: int) -> FloatArray:
+    """Rows e_i, e_i + e_j and e_i - e_j, r² of them."""
+    one = np.eye(r)
+    pairs = [(i, j, sign) for i in range(r) for j in range(i) for sign in (1.0, -1.0)]
+    return np.vstack([one, *[(one[i] + sign * one[j])[None] for i, j, sign in pairs]])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -202,9 +202,26 @@ def test_a_curved_cost_modelled_anew_at_every_step_has_the_optimum_of_clarabel(r
         assert np.sum(np.abs(answer.x[k]) ** exponent) == pytest.approx(cost, rel=1e-6)
 
 
-def test_turns_are_unit_vectors_with_sums_and_differences_and_zeros_where_a_frame_has_fewer():
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+def test_turns_of_similar_weight_add_up_to_the_multiplier_and_pin_every_product(rng, size):
+    """Rows with positive prices that span all symmetric matrices: the optimum of the matrix inequality."""
+    basis = np.linalg.qr(rng.normal(size=(6, 6)))[0][:, :size]
+    multiplier = (basis * rng.uniform(0.1, 10.0, size)) @ basis.T
+    (turns,) = critical_turns(multiplier[None])
+    assert len(turns) == size * (size + 1) // 2
+    np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1.0, atol=1e-12)
+    products = np.array([np.outer(turn, turn).ravel() for turn in turns])
+    assert np.linalg.matrix_rank(products, tol=1e-8) == len(turns)
+    price = np.linalg.lstsq(products.T, multiplier.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(products.T @ price, multiplier.ravel(), atol=1e-10)
+    assert price.min() > 0
+
+
+def test_turns_of_very_different_weight_are_eigenvectors_with_sums_and_differences():
     one, two = np.eye(3)[0], np.eye(3)[2]
-    multiplier = np.stack([np.outer(one, one), 2 * np.outer(one, one) + np.outer(two, two), np.zeros((3, 3))])
+    multiplier = np.stack(
+        [np.outer(one, one), 1e5 * np.outer(one, one) + np.outer(two, two), np.zeros((3, 3))]
+    )
     turns = critical_turns(multiplier)
     assert turns.shape == (3, 4, 3)
     np.testing.assert_allclose(np.abs(turns[0]), [one, 0 * one, 0 * one, 0 * one], atol=1e-15)
