@@ -48,6 +48,9 @@ _LOG = logging.getLogger("scso_nlp")
 #: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
 _LEAST_EFFORT = 1e-3
 
+#: Most frames of one program where no term couples frames.
+_FRAMES_PER_PROGRAM = 128
+
 #: Most rounds of adding rows to constraints that cannot write all of them down beforehand.
 _MAX_ROUNDS = 100
 
@@ -286,21 +289,33 @@ class _Run:
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
 
     def together(self) -> None:
-        """Solve the waiting frames as one program; where they fail, find out which and go on without."""
+        """Solve the waiting frames as one program; where they fail, find out which and go on without.
+
+        Where no term couples frames, long motions are cut into programs of equal size: one difficult frame
+        shortens the steps of all frames of its program, so that cost would grow faster than their number.
+        """
         frames = self.waiting
-        answer = self._call(*self._build(frames.size), frames)
-        if answer.status.is_solved:
-            return
-        if self.program.problem.coupled_terms:
-            self._set(frames, answer.status)
-            return
-        lost = [k for k in frames if infeasible_rows(self.program, self.split.affine, int(k))]
+        coupled = bool(self.program.problem.coupled_terms)
+        n_programs = 1 if coupled else -(-frames.size // _FRAMES_PER_PROGRAM)
+        built: dict[int, tuple[Nlp, ca.Function]] = {}
+        lost: list[int] = []
+        for block in np.array_split(frames, n_programs):
+            if block.size not in built:
+                built[block.size] = self._build(block.size)
+            answer = self._call(*built[block.size], block)
+            if answer.status.is_solved:
+                continue
+            if coupled:
+                self._set(block, answer.status)
+                return
+            _LOG.info("%d frames were not solved together (%s)", block.size, answer.status.name)
+            lost += [int(k) for k in block if infeasible_rows(self.program, self.split.affine, int(k))]
         self._set(lost, Status.INFEASIBLE)
         if lost and self.waiting.size:
             _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
             self.together()
         elif self.waiting.size:
-            _LOG.info("the whole motion was not solved (%s); solving frame by frame", answer.status.name)
+            _LOG.info("solving %d frames one by one", self.waiting.size)
             self.one_by_one()
 
     def one_by_one(self) -> None:

@@ -100,3 +100,16 @@ def _reordered(problem, order):
         trajectory, **changes, skeleton=trajectory.skeleton.frames(np.array(order, dtype=np.int64))
     )
     return dataclasses.replace(problem, trajectory=moved)
+
+
+def test_a_long_motion_is_cut_into_programs_and_the_answer_does_not_depend_on_the_cut(rng, monkeypatch):
+    problem = random_problem(rng, n_frames=23)
+    whole = scso.solve_trajectory(problem)
+    monkeypatch.setattr("scso_nlp.solve._FRAMES_PER_PROGRAM", 5)
+    cut = scso.solve_trajectory(problem)
+    np.testing.assert_allclose(cut.activation, whole.activation, atol=1e-5)
+    assert cut.objective == pytest.approx(whole.objective, rel=1e-7)
+    for name, rows in whole.rows.items():
+        # Prices of rows, which belong to frames, find their frames again.
+        scale = max(1e-3, np.abs(rows.multiplier).max())
+        np.testing.assert_allclose(cut.rows[name].multiplier, rows.multiplier, atol=1e-3 * scale)
