@@ -322,7 +322,7 @@ KEYS: dict[str, Key] = {
     ),
     "solver": Key(
         group=_SOLVER, read=_one_of(*SOLVERS), example='"trajectory"',
-        help='"trajectory": all frames as one program; "framewise": one after the other',
+        help='"trajectory": all frames together; "framewise": one after the other',
     ),
     "tolerance": Key(group=_SOLVER, read=_number, example="1e-8", help="IPOPT's optimality tolerance"),
     "max_iterations": Key(group=_SOLVER, read=_count, example="500", help="iterations per program"),

@@ -1,4 +1,4 @@
-"""The two verbs: solve all frames as one program, or frame by frame."""
+"""The two verbs: solve the frames of a motion together, or frame by frame."""
 
 from __future__ import annotations
 
@@ -48,9 +48,6 @@ _LOG = logging.getLogger("scso_nlp")
 #: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
 _LEAST_EFFORT = 1e-3
 
-#: Most frames of one program where no term couples frames.
-_FRAMES_PER_PROGRAM = 128
-
 #: Most rounds of adding rows to constraints that cannot write all of them down beforehand.
 _MAX_ROUNDS = 100
 
@@ -68,7 +65,10 @@ def solve_trajectory(
     options: SolverOptions | None = None,
     on_failure: str = "raise",
 ) -> Solution:
-    """Solve all frames as one nonlinear program.
+    """Solve all frames together, as one nonlinear program.
+
+    Where no term couples frames, a motion of more than ``options.frames_per_program`` frames is cut into
+    several programs; the answer does not depend on the cut.
 
     Frames that are found infeasible are taken out of the program where no term couples frames, so that
     the others still get their answer.
@@ -289,14 +289,10 @@ class _Run:
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
 
     def together(self) -> None:
-        """Solve the waiting frames as one program; where they fail, find out which and go on without.
-
-        Where no term couples frames, long motions are cut into programs of equal size: one difficult frame
-        shortens the steps of all frames of its program, so that cost would grow faster than their number.
-        """
+        """Solve the waiting frames as few programs; where they fail, find out which and go on without."""
         frames = self.waiting
         coupled = bool(self.program.problem.coupled_terms)
-        n_programs = 1 if coupled else -(-frames.size // _FRAMES_PER_PROGRAM)
+        n_programs = 1 if coupled else -(-frames.size // self.options.frames_per_program)
         built: dict[int, tuple[Nlp, ca.Function]] = {}
         lost: list[int] = []
         for block in np.array_split(frames, n_programs):

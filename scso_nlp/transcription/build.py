@@ -1,4 +1,4 @@
-"""From a problem to one nonlinear program over one frame or over all frames.
+"""From a problem to a nonlinear program over one frame or over many.
 
 Terms stay symbolic for their author. Rows that are affine in the unknowns are found, evaluated as
 numbers for every frame and become one constant sparse matrix; only what is truly nonlinear is mapped

@@ -38,21 +38,26 @@ class SolverOptions:
         IPOPT's scaled optimality tolerance.
     max_iterations : int
         Per program: the whole trajectory, or one frame.
+    frames_per_program : int
+        Where no term couples frames, `solve_trajectory` cuts longer motions into programs of this size at
+        most, because one difficult frame shortens the steps of all frames of its program. The answer does
+        not depend on it; coupled motions are never cut.
     ipopt : mapping of str to number or str
         Further IPOPT options by their own names; they win.
     """
 
     tolerance: float = 1e-8
     max_iterations: int = 500
+    frames_per_program: int = 128
     ipopt: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
             raise ProblemError(f"tolerance is {self.tolerance:g}, expected a number between 0 and 1")
-        if not isinstance(self.max_iterations, int | np.integer) or self.max_iterations < 1:
-            raise ProblemError(
-                f"max_iterations is {self.max_iterations}, expected a whole number of at least 1"
-            )
+        for name in ("max_iterations", "frames_per_program"):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < 1:
+                raise ProblemError(f"{name} is {value}, expected a whole number of at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -102,11 +102,11 @@ def _reordered(problem, order):
     return dataclasses.replace(problem, trajectory=moved)
 
 
-def test_a_long_motion_is_cut_into_programs_and_the_answer_does_not_depend_on_the_cut(rng, monkeypatch):
+def test_a_long_motion_is_cut_into_programs_and_the_answer_does_not_depend_on_the_cut(rng):
     problem = random_problem(rng, n_frames=23)
     whole = scso.solve_trajectory(problem)
-    monkeypatch.setattr("scso_nlp.solve._FRAMES_PER_PROGRAM", 5)
-    cut = scso.solve_trajectory(problem)
+    cut = scso.solve_trajectory(problem, options=scso.SolverOptions(frames_per_program=5))
+    assert cut.report.iterations > whole.report.iterations
     np.testing.assert_allclose(cut.activation, whole.activation, atol=1e-5)
     assert cut.objective == pytest.approx(whole.objective, rel=1e-7)
     for name, rows in whole.rows.items():
