@@ -16,9 +16,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from helpers import random_problem
+from muscle_models import opensim_tables
 
 import scso_nlp as scso
 from scso_nlp.constraints.constraint import Constraint
+from scso_nlp.muscle_models.hill_muscle import HillCurves
+from scso_nlp.muscle_models.muscle_classes import MUSCLE_CLASSES
 from scso_nlp.objectives.objective import Objective
 from scso_nlp.transcription.build import describe, evaluate
 
@@ -364,3 +367,44 @@ def test_documented_attributes_are_the_fields_of_the_class(name, data):
     else:
         own = [field for field in fields if field not in inherited or field in documented]
         assert sorted(documented) == sorted(own)
+
+
+# Muscle classes -----------------------------------------------------------------------------------
+
+CURVES = _concrete(HillCurves)
+CONTRACT = sorted(HillCurves.__abstractmethods__)
+
+
+@pytest.mark.parametrize("curves", CURVES, ids=lambda curves: curves.__name__)
+def test_every_muscle_class_is_final_and_complete_and_among_the_muscle_classes(curves):
+    missing = [name for name in HillCurves.__annotations__ if not hasattr(curves, name)]
+    assert missing == []
+    assert getattr(curves, "__final__", False), f"mark {curves.__name__} with @final"
+    registered = MUSCLE_CLASSES.get(curves.OPENSIM_CLASS)
+    assert isinstance(registered, curves), f"add {curves.__name__} to MUSCLE_CLASSES"
+
+
+@pytest.mark.parametrize("curves", CURVES, ids=lambda curves: curves.__name__)
+def test_every_muscle_class_has_a_table_of_opensims_values_in_the_tests(curves):
+    tables = [name for name, tested in opensim_tables.CLASSES.items() if isinstance(tested, curves)]
+    assert tables, f"add a table of {curves.__name__} to tests/muscle_models/opensim_tables.py"
+    assert {name for name, _ in opensim_tables.CASES} >= set(tables), "a table without parameter sets"
+
+
+@pytest.mark.parametrize("forgotten", CONTRACT)
+def test_a_muscle_class_that_forgets_a_curve_cannot_be_made(forgotten):
+    members = {name: getattr(CURVES[0], name) for name in CONTRACT if name != forgotten}
+    with pytest.raises(TypeError, match=rf"abstract method '?{forgotten}\b"):
+        type("Forgetful", (HillCurves,), members)()
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_the_contract_of_a_curve_stands_once(name):
+    """Arguments and result are documented in the abstract class, and nowhere again."""
+    contract = inspect.getdoc(getattr(HillCurves, name))
+    assert _section(contract, "Parameters")
+    assert _section(contract, "Returns")
+    for curves in CURVES:
+        own = getattr(curves, name).__doc__ or ""
+        assert _section(own, "Parameters") is None, f"{curves.__name__}.{name} repeats the contract"
+        assert _section(own, "Returns") is None, f"{curves.__name__}.{name} repeats the contract"

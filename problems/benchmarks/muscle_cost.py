@@ -17,16 +17,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from scso_nlp.muscle_models.hill_muscle import (
-    HillCurves,
-    HillMuscle,
-    equilibrium_residual,
-    pack,
-    repeat_over_frames,
-    rigid_tendon_force,
-    solve_equilibrium,
-    unpack,
-)
+from scso_nlp.muscle_models.equilibrium import equilibrium_residual, solve_equilibrium
+from scso_nlp.muscle_models.force import rigid_tendon_force, rigid_tendon_force_parts
+from scso_nlp.muscle_models.hill_muscle import HillCurves, HillMuscle, pack, repeat_over_frames, unpack
 from scso_nlp.muscle_models.muscle_classes import MUSCLE_CLASSES
 from scso_nlp.muscle_models.stiffness import short_range_stiffness
 
@@ -90,9 +83,9 @@ def rows_of(curves: HillCurves) -> list[tuple[str, float, float, float, int]]:
             np.stack([activation, length, velocity]),
         ),
         (
-            "OpenSim capacity c(l, v)",
+            "capacity c(l, v)",
             "l v",
-            lambda m, *x: curves.opensim_optimal_force(m, *x),
+            lambda m, *x: rigid_tendon_force_parts(m, *x).active,
             np.stack([length, velocity]),
         ),
     ]

@@ -12,12 +12,9 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import (
-    equilibrium_residual,
-    repeat_over_frames,
-    solve_equilibrium,
-    tendon_force,
-)
+from scso_nlp.muscle_models.equilibrium import equilibrium_residual, solve_equilibrium
+from scso_nlp.muscle_models.force import tendon_force
+from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import fiber_length_of, fiber_width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -10,18 +11,24 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
+from scso_nlp.muscle_models.degroote2016 import DeGroote2016Curves
 from scso_nlp.muscle_models.hill_muscle import HillCurves, HillMuscle
+from scso_nlp.muscle_models.millard2012 import Millard2012Curves
+from scso_nlp.muscle_models.rigid_tendon_muscle import RigidTendonMuscleCurves
+from scso_nlp.muscle_models.thelen2003 import Thelen2003Curves
 from scso_nlp.muscles import MuscleParameters
 from scso_nlp.validation import IntArray
 
-#: Module of each OpenSim class. One line per class.
-MUSCLE_CLASSES: MappingProxyType[str, HillCurves] = MappingProxyType(
+#: Every modelled class by OpenSim's name. One line per class.
+MUSCLE_CLASSES: Mapping[str, HillCurves] = MappingProxyType(
     {
-        thelen2003.OPENSIM_CLASS: thelen2003,
-        millard2012.OPENSIM_CLASS: millard2012,
-        degroote2016.OPENSIM_CLASS: degroote2016,
-        rigid_tendon_muscle.OPENSIM_CLASS: rigid_tendon_muscle,
+        curves.OPENSIM_CLASS: curves
+        for curves in (
+            Thelen2003Curves(),
+            Millard2012Curves(),
+            DeGroote2016Curves(),
+            RigidTendonMuscleCurves(),
+        )
     }
 )
 
@@ -34,7 +41,7 @@ class MuscleGroup(NamedTuple):
 
 
 def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
-    """Find the module of an OpenSim muscle class.
+    """Find the curves of an OpenSim muscle class.
 
     Parameters
     ----------
@@ -45,8 +52,7 @@ def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
 
     Returns
     -------
-    module
-        With the names of :class:`HillCurves`.
+    HillCurves
 
     Raises
     ------

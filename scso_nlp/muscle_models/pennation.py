@@ -7,14 +7,12 @@ Source: Scott and Winter (1991), J Biomech 24:163-167; OpenSim ``MuscleFixedWidt
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
 from scso_nlp.muscle_models.curves import Expression, select
-
-if TYPE_CHECKING:
-    from scso_nlp.muscle_models.hill_muscle import HillMuscle
+from scso_nlp.muscle_models.hill_muscle import HillMuscle
 
 #: Machine epsilon; OpenSim takes a smaller pennation angle for none (``SimTK::Eps``) [rad].
 NO_PENNATION = 2.220446049250313e-16
@@ -29,39 +27,17 @@ class FiberKinematics(NamedTuple):
 
 
 def fiber_width(muscle: HillMuscle) -> Expression:
-    r"""Width of the parallelogram, the same at every fiber length.
+    r"""Width h of the parallelogram, the same at every fiber length, shape (n_muscles,) [m].
 
     .. math:: h = \ell_0^M \sin\alpha_0
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-
-    Returns
-    -------
-    float or DM or SX or MX, shape (n_muscles,) [m]
-        Zero for parallel fibers.
     """
     return muscle.optimal_fiber_length * ca.sin(muscle.pennation_angle_at_optimal)
 
 
 def fiber_length_of(fiber_length_along_tendon: Expression, width: Expression) -> Expression:
-    r"""Fiber length from its projection on the tendon.
+    r"""Fiber length [m] from its projection q on the tendon [m] and its :func:`fiber_width` h [m].
 
     .. math:: \ell^M = \sqrt{q^2 + h^2}
-
-    Parameters
-    ----------
-    fiber_length_along_tendon : float or DM or SX or MX, any shape [m]
-        q.
-    width : float or DM or SX or MX, same shape [m]
-        h, see :func:`fiber_width`.
-
-    Returns
-    -------
-    float or DM or SX or MX, same shape [m]
-        Fiber length.
     """
     return ca.sqrt(fiber_length_along_tendon**2 + width**2)
 
@@ -100,45 +76,19 @@ def rigid_tendon_fiber(
 
 
 def min_pennated_fiber_length(muscle: HillMuscle) -> Expression:
-    r"""Fiber length at the largest pennation angle.
+    r"""Fiber length at the largest pennation angle, shape (n_muscles,) [m]; zero for parallel fibers.
 
     .. math:: \ell_{min} = h / \sin\alpha_{max}
 
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants; ``maximum_pennation_angle`` is one of its curve parameters.
-
-    Returns
-    -------
-    float or DM or SX or MX, shape (n_muscles,) [m]
-        Zero for parallel fibers.
-
-    References
-    ----------
-    OpenSim ``MuscleFixedWidthPennationModel.cpp``, m_minimumFiberLength.
+    The angle is the curve parameter ``maximum_pennation_angle``. OpenSim's m_minimumFiberLength.
     """
     return fiber_width(muscle) / ca.sin(muscle.curve_parameters["maximum_pennation_angle"])
 
 
 def clamped_pennation_cosine(muscle: HillMuscle, fiber_length: Expression) -> Expression:
-    """Cosine of the pennation angle, which stays at its maximum for shorter fibers.
+    """Cosine of the pennation angle [-] at a fiber length [m]; 1 without pennation.
 
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-    fiber_length : float or DM or SX or MX, any shape [m]
-        Fiber length.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        1 without pennation.
-
-    References
-    ----------
-    OpenSim ``MuscleFixedWidthPennationModel.cpp``, calcPennationAngle.
+    The angle stays at its maximum for shorter fibers. OpenSim's calcPennationAngle.
     """
     largest = muscle.curve_parameters["maximum_pennation_angle"]
     regular = fiber_length > min_pennated_fiber_length(muscle)

@@ -12,7 +12,8 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import repeat_over_frames, rigid_tendon_force_parts
+from scso_nlp.muscle_models.force import rigid_tendon_force_parts
+from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import MuscleGroup, curves_of, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import rigid_tendon_fiber

@@ -10,25 +10,16 @@ import itertools
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn, final
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError
 from scso_nlp.muscle_models.curves import OTHER_PROPERTIES, CurveParameters, Expression, select
-from scso_nlp.muscle_models.hill_muscle import HillMuscle
-from scso_nlp.muscle_models.pennation import fiber_length_of, fiber_width
+from scso_nlp.muscle_models.hill_muscle import HillCurves, HillMuscle
+from scso_nlp.muscle_models.pennation import fiber_width
 from scso_nlp.validation import FloatArray
-
-#: The OpenSim class whose curves these are.
-OPENSIM_CLASS = "RigidTendonMuscle"
-
-#: None: the curves are fixed splines.
-DEFAULT_CURVE_PARAMETERS: Mapping[str, float] = MappingProxyType({})
-
-HAS_ELASTIC_TENDON = False
-FORCE_VELOCITY_DEPENDS_ON_ACTIVATION = False
 
 #: Points of the active force-length curve: normalized length, multiplier [-]. ``RigidTendonMuscle.cpp``.
 ACTIVE_FORCE_LENGTH_POINTS = (
@@ -60,9 +51,6 @@ FORCE_VELOCITY_POINTS = (
 
 #: Largest passive multiplier [-]. ``RigidTendonMuscle.cpp``, calcMuscleLengthInfo.
 MAX_PASSIVE_MULTIPLIER = 10.0
-
-#: Width below which OpenSim takes the fibers for parallel [m]. ``SimTK::SqrtEps``.
-NO_WIDTH = 1.4901161193847656e-08
 
 
 class Spline(NamedTuple):
@@ -165,367 +153,108 @@ def spline_value(x: Expression, spline: Spline, derivative: int = 0) -> Expressi
     return y + dx * (b + dx * (c + dx * d))
 
 
-def check_curve_parameters(muscle: str, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Accept the class's default splines only.
+@final
+class RigidTendonMuscleCurves(HillCurves):
+    """Curves of RigidTendonMuscle: fixed splines without parameters."""
 
-    Parameters
-    ----------
-    muscle : str
-        Name, for messages.
-    parameters : mapping of str to float [-]
-        Empty, or the points of the three splines as ``<property>.x<i>`` and ``<property>.y<i>`` with
-        the properties ``active_force_length_curve``, ``passive_force_length_curve`` and
-        ``force_velocity_curve``.
+    OPENSIM_CLASS = "RigidTendonMuscle"
+    DEFAULT_CURVE_PARAMETERS = MappingProxyType({})
+    HAS_ELASTIC_TENDON = False
+    FORCE_VELOCITY_DEPENDS_ON_ACTIVATION = False
 
-    Returns
-    -------
-    dict of str to float [-]
-        Empty: the curves have no parameters.
+    def check_curve_parameters(self, muscle: str, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Accept the class's default splines only; the answer is empty.
 
-    Raises
-    ------
-    DataError
-        A point differs from OpenSim's default, or a name is unknown.
-    """
-    parameters = {name: value for name, value in parameters.items() if name not in OTHER_PROPERTIES}
-    if not parameters:
+        `parameters` are empty, or the points of the three splines as ``<property>.x<i>`` and
+        ``<property>.y<i>`` with the properties ``active_force_length_curve``, ``passive_force_length_curve``
+        and ``force_velocity_curve``.
+        """
+        parameters = {name: value for name, value in parameters.items() if name not in OTHER_PROPERTIES}
+        if not parameters:
+            return {}
+        expected = {
+            f"{name}.{axis}{i}": point[k]
+            for name, points in (
+                ("active_force_length_curve", ACTIVE_FORCE_LENGTH_POINTS),
+                ("passive_force_length_curve", PASSIVE_FORCE_LENGTH_POINTS),
+                ("force_velocity_curve", FORCE_VELOCITY_POINTS),
+            )
+            for i, point in enumerate(points)
+            for k, axis in enumerate("xy")
+        }
+        for name in sorted(set(expected) | set(parameters)):
+            found, wanted = parameters.get(name, math.nan), expected.get(name, math.nan)
+            if not abs(found - wanted) <= 1e-9:
+                differs = (
+                    f"{name} is {found:g} where the default is {wanted:g}"
+                    if name in expected
+                    else f"it has {name}"
+                )
+                raise DataError(
+                    f"muscle {muscle!r}: {self.OPENSIM_CLASS} is modelled with OpenSim's default splines "
+                    f"only, and {differs}; convert it to another class"
+                )
         return {}
-    expected = {
-        f"{name}.{axis}{i}": point[k]
-        for name, points in (
-            ("active_force_length_curve", ACTIVE_FORCE_LENGTH_POINTS),
-            ("passive_force_length_curve", PASSIVE_FORCE_LENGTH_POINTS),
-            ("force_velocity_curve", FORCE_VELOCITY_POINTS),
+
+    def active_force_length(
+        self, normalized_fiber_length: Expression, parameters: CurveParameters
+    ) -> Expression:
+        """0.9989 at optimal fiber length, at most 0.9992, at least 0.007: never zero."""
+        return spline_value(normalized_fiber_length, ACTIVE_FORCE_LENGTH)
+
+    def active_force_length_slope(
+        self, normalized_fiber_length: Expression, parameters: CurveParameters
+    ) -> Expression:
+        """Slope of the spline: once continuously differentiable."""
+        return spline_value(normalized_fiber_length, ACTIVE_FORCE_LENGTH, derivative=1)
+
+    def passive_force_length(
+        self, normalized_fiber_length: Expression, parameters: CurveParameters
+    ) -> Expression:
+        """Limited to 0 ... 10: 0.035 at 1.1, 1.17 at 1.5, 2 at 1.6.
+
+        Not smooth where the limits begin to act. Levels off at 2 (2.0105 at most) beyond 1.6 where a fiber
+        would stiffen further. OpenSim calcMuscleLengthInfo.
+        """
+        value = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH)
+        return select(value > MAX_PASSIVE_MULTIPLIER, MAX_PASSIVE_MULTIPLIER, select(value > 0.0, value, 0.0))
+
+    def passive_force_length_slope(
+        self, normalized_fiber_length: Expression, parameters: CurveParameters
+    ) -> Expression:
+        """Zero where a limit acts; down to -0.033 at 1.6, where the spline overshoots, and beyond 3.3."""
+        value = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH)
+        slope = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH, derivative=1)
+        return select(ca.logic_and(value > 0.0, value < MAX_PASSIVE_MULTIPLIER), slope, 0.0)
+
+    def force_velocity(
+        self, normalized_fiber_velocity: Expression, parameters: CurveParameters, activation: Expression = 1.0
+    ) -> Expression:
+        """0 at -1, 1 at 0, 1.774455 at 1. OpenSim takes the velocity of the path for that of the fiber."""
+        return spline_value(normalized_fiber_velocity, FORCE_VELOCITY)
+
+    def tendon_force_length(
+        self, normalized_tendon_length: Expression, parameters: CurveParameters
+    ) -> NoReturn:
+        """Refuse: the tendon of this class is rigid."""
+        raise DataError(
+            f"{self.OPENSIM_CLASS} has no tendon curve, its tendon is rigid; use a rigid-tendon muscle model"
         )
-        for i, point in enumerate(points)
-        for k, axis in enumerate("xy")
-    }
-    for name in sorted(set(expected) | set(parameters)):
-        found, wanted = parameters.get(name, math.nan), expected.get(name, math.nan)
-        if not abs(found - wanted) <= 1e-9:
-            differs = (
-                f"{name} is {found:g} where the default is {wanted:g}"
-                if name in expected
-                else f"it has {name}"
-            )
-            raise DataError(
-                f"muscle {muscle!r}: {OPENSIM_CLASS} is modelled with OpenSim's default splines only, "
-                f"and {differs}; convert it to another class"
-            )
-    return {}
 
+    def inverse_tendon_force_length(
+        self, normalized_force: Expression, parameters: CurveParameters
+    ) -> NoReturn:
+        """Refuse, as :meth:`tendon_force_length` does."""
+        self.tendon_force_length(normalized_force, parameters)
 
-def active_force_length(
-    normalized_fiber_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> Expression:
-    """Active force over maximum isometric force at zero velocity and full activation.
+    def tendon_slope_at_force(self, normalized_force: Expression, parameters: CurveParameters) -> NoReturn:
+        """Refuse, as :meth:`tendon_force_length` does."""
+        self.tendon_force_length(normalized_force, parameters)
 
-    Parameters
-    ----------
-    normalized_fiber_length : float or DM or SX or MX, any shape [-]
-        Fiber length over optimal fiber length.
-    parameters : mapping
-        Not used.
+    def fiber_damping(self, parameters: CurveParameters) -> Expression:
+        """Zero: this class has none."""
+        return 0.0
 
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        0.9989 at optimal fiber length, at most 0.9992, at least 0.007: never zero.
-
-    References
-    ----------
-    OpenSim ``RigidTendonMuscle.cpp``, active_force_length_curve.
-    """
-    return spline_value(normalized_fiber_length, ACTIVE_FORCE_LENGTH)
-
-
-def active_force_length_slope(
-    normalized_fiber_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> Expression:
-    """First derivative of the active force-length curve.
-
-    Parameters
-    ----------
-    normalized_fiber_length : float or DM or SX or MX, any shape [-]
-        Fiber length over optimal fiber length.
-    parameters : mapping
-        Not used.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        Once continuously differentiable.
-    """
-    return spline_value(normalized_fiber_length, ACTIVE_FORCE_LENGTH, derivative=1)
-
-
-def force_velocity(
-    normalized_fiber_velocity: Expression,
-    parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS,
-    activation: Expression = 1.0,
-) -> Expression:
-    """Force multiplier at a fiber velocity.
-
-    Parameters
-    ----------
-    normalized_fiber_velocity : float or DM or SX or MX, any shape [-]
-        Fiber velocity over the maximum contraction velocity, lengthening positive.
-    parameters : mapping
-        Not used.
-    activation : float or DM or SX or MX, same shape [-]
-        Not used: one curve for every activation.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        0 at -1, 1 at 0, 1.774455 at 1.
-
-    References
-    ----------
-    OpenSim ``RigidTendonMuscle.cpp``, force_velocity_curve.
-    """
-    return spline_value(normalized_fiber_velocity, FORCE_VELOCITY)
-
-
-def inverse_force_velocity(
-    multiplier: Expression,
-    parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS,
-    activation: Expression = 1.0,
-) -> NoReturn:
-    """Refuse: OpenSim has no inverse of this curve, and nothing here needs it.
-
-    Parameters
-    ----------
-    multiplier : float or DM or SX or MX, any shape [-]
-        Not used.
-    parameters : mapping
-        Not used.
-    activation : float or DM or SX or MX, same shape [-]
-        Not used.
-
-    Raises
-    ------
-    DataError
-        Always.
-    """
-    raise DataError(
-        f"{OPENSIM_CLASS} has no inverse force-velocity curve; convert the muscle to another class"
-    )
-
-
-def passive_force_length(
-    normalized_fiber_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> Expression:
-    """Passive fiber force over maximum isometric force, limited to 0 ... 10.
-
-    Parameters
-    ----------
-    normalized_fiber_length : float or DM or SX or MX, any shape [-]
-        Fiber length over optimal fiber length.
-    parameters : mapping
-        Not used.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        0.035 at 1.1, 1.17 at 1.5, 2 at 1.6.
-
-    Notes
-    -----
-    Not smooth where the limits begin to act. Levels off at 2 (2.0105 at most) beyond 1.6 where a fiber would
-    stiffen further.
-
-    References
-    ----------
-    OpenSim ``RigidTendonMuscle.cpp``, passive_force_length_curve, calcMuscleLengthInfo.
-    """
-    value = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH)
-    return select(value > MAX_PASSIVE_MULTIPLIER, MAX_PASSIVE_MULTIPLIER, select(value > 0.0, value, 0.0))
-
-
-def passive_force_length_slope(
-    normalized_fiber_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> Expression:
-    """First derivative of the passive force-length curve, zero where a limit acts.
-
-    Parameters
-    ----------
-    normalized_fiber_length : float or DM or SX or MX, any shape [-]
-        Fiber length over optimal fiber length.
-    parameters : mapping
-        Not used.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [-]
-        Slope.
-    """
-    value = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH)
-    slope = spline_value(normalized_fiber_length, PASSIVE_FORCE_LENGTH, derivative=1)
-    return select(ca.logic_and(value > 0.0, value < MAX_PASSIVE_MULTIPLIER), slope, 0.0)
-
-
-def tendon_force_length(
-    normalized_tendon_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> NoReturn:
-    """Refuse: the tendon of this class is rigid.
-
-    Parameters
-    ----------
-    normalized_tendon_length : float or DM or SX or MX, any shape [-]
-        Not used.
-    parameters : mapping
-        Not used.
-
-    Raises
-    ------
-    DataError
-        Always.
-    """
-    raise DataError(
-        f"{OPENSIM_CLASS} has no tendon curve, its tendon is rigid; use a rigid-tendon muscle model"
-    )
-
-
-def tendon_force_length_slope(
-    normalized_tendon_length: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> NoReturn:
-    """Refuse, as :func:`tendon_force_length` does.
-
-    Parameters
-    ----------
-    normalized_tendon_length : float or DM or SX or MX, any shape [-]
-        Not used.
-    parameters : mapping
-        Not used.
-
-    Raises
-    ------
-    DataError
-        Always.
-    """
-    tendon_force_length(normalized_tendon_length, parameters)
-
-
-def inverse_tendon_force_length(
-    normalized_force: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> NoReturn:
-    """Refuse, as :func:`tendon_force_length` does.
-
-    Parameters
-    ----------
-    normalized_force : float or DM or SX or MX, any shape [-]
-        Not used.
-    parameters : mapping
-        Not used.
-
-    Raises
-    ------
-    DataError
-        Always.
-    """
-    tendon_force_length(normalized_force, parameters)
-
-
-def tendon_slope_at_force(
-    normalized_force: Expression, parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS
-) -> NoReturn:
-    """Refuse, as :func:`tendon_force_length` does.
-
-    Parameters
-    ----------
-    normalized_force : float or DM or SX or MX, any shape [-]
-        Not used.
-    parameters : mapping
-        Not used.
-
-    Raises
-    ------
-    DataError
-        Always.
-    """
-    tendon_force_length(normalized_force, parameters)
-
-
-def fiber_damping(parameters: CurveParameters = DEFAULT_CURVE_PARAMETERS) -> Expression:
-    """Damping coefficient of the fiber: this class has none.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Not used.
-
-    Returns
-    -------
-    float [-]
-        Zero.
-    """
-    return 0.0
-
-
-def min_fiber_length(muscle: HillMuscle) -> Expression:
-    """Shortest fiber: its width, when the path is no longer than the tendon.
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-
-    Returns
-    -------
-    float or DM or SX or MX, shape (n_muscles,) [m]
-        Zero for parallel fibers.
-    """
-    return fiber_width(muscle)
-
-
-def opensim_optimal_force(
-    muscle: HillMuscle,
-    muscle_tendon_length: Expression,
-    muscle_tendon_velocity: Expression,
-    activation: Expression = 1.0,
-) -> Expression:
-    r"""Active force along the tendon as OpenSim's static optimization uses it.
-
-    .. math:: F = F_0\, a f_L(\tilde\ell) f_V\big(v^{MT}/(\ell_0^M v_{max})\big) \cos\alpha, \quad
-              \ell^M = \sqrt{\max(\ell^{MT} - \ell_s^T, 0)^2 + h^2}
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-    muscle_tendon_length : float or DM or SX or MX, any shape [m]
-        Length of the path.
-    muscle_tendon_velocity : float or DM or SX or MX, same shape [m/s]
-        Its rate, lengthening positive.
-    activation : float or DM or SX or MX, same shape [-]
-        Static optimization asks at 1.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [N]
-        No passive force.
-
-    Notes
-    -----
-    OpenSim takes the velocity of the path for that of the fiber, without the cosine of the pennation angle.
-
-    References
-    ----------
-    OpenSim ``RigidTendonMuscle.cpp``, calcMuscleLengthInfo, calcFiberVelocityInfo; ``Muscle.cpp``,
-    calcInextensibleTendonActiveFiberForce.
-    """
-    along_tendon = muscle_tendon_length - muscle.tendon_slack_length
-    along_tendon = select(along_tendon > 0.0, along_tendon, 0.0)
-    width = fiber_width(muscle)
-    is_pennate = width > NO_WIDTH
-    fiber_length = select(is_pennate, fiber_length_of(along_tendon, width), along_tendon)
-    cosine = select(is_pennate, along_tendon / select(is_pennate, fiber_length, 1.0), 1.0)
-    velocity = muscle_tendon_velocity / (muscle.optimal_fiber_length * muscle.max_contraction_velocity)
-    return (
-        muscle.max_isometric_force
-        * activation
-        * active_force_length(fiber_length / muscle.optimal_fiber_length)
-        * force_velocity(velocity)
-        * cosine
-    )
+    def min_fiber_length(self, muscle: HillMuscle) -> Expression:
+        """Width of the fiber, when the path is no longer than the tendon; zero for parallel fibers."""
+        return fiber_width(muscle)

@@ -1,46 +1,16 @@
-"""Stiffness of a muscle along its path: how much its force rises per length.
+"""Stiffness of fiber, tendon and both in series: how much force rises per length.
 
-Three laws: proportional to force (Bergmark), short-range (Cui et al.), and the slope of the force-length
-curves as OpenSim has it. What a joint makes of them is in :mod:`scso_nlp.stability`.
+Short-range stiffness (Cui et al.), and the slope of the force-length curves as OpenSim has it. The laws made
+of them are in `stiffness_law`, what a joint makes of those in :mod:`scso_nlp.stability`.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 from scso_nlp.muscle_models.curves import Expression, select
 from scso_nlp.muscle_models.hill_muscle import HillMuscle
 
 #: Short-range stiffness of a fiber times optimal length over force [-]. Cui et al. (2008), feline muscle.
 SHORT_RANGE_CONSTANT = 23.4
-
-
-def proportional_stiffness(
-    tendon_force: Expression, muscle_tendon_length: Expression, q: Expression
-) -> Expression:
-    r"""Stiffness proportional to force over length.
-
-    .. math:: k = q F / L
-
-    Parameters
-    ----------
-    tendon_force : float or DM or SX or MX, any shape [N]
-        Muscle force.
-    muscle_tendon_length : float or DM or SX or MX, same shape [m]
-        Length of the whole path.
-    q : float or DM or SX or MX, same shape [-]
-        Stiffness constant; the literature has 0.5 to 42.
-
-    Returns
-    -------
-    float or DM or SX or MX, same shape [N/m]
-        Linear in force.
-
-    References
-    ----------
-    Bergmark (1989), Acta Orthop Scand 60, Suppl 230. Potvin and Brown (2005), J Biomech 38:973-980.
-    """
-    return q * tendon_force / muscle_tendon_length
 
 
 def stiffness_along_tendon(
@@ -80,49 +50,14 @@ def stiffness_along_tendon(
 
 
 def in_series(first: Expression, second: Expression) -> Expression:
-    r"""Stiffness of two springs in series.
+    r"""Stiffness of two springs in series [N/m]; one may be negative, infinite when they cancel.
 
     .. math:: k = k_1 k_2/(k_1 + k_2), \quad 0 \ \text{if}\ k_1 k_2 = 0
 
-    Parameters
-    ----------
-    first, second : float or DM or SX or MX, any shape [N/m]
-        Stiffnesses; one may be negative.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [N/m]
-        Infinite when they cancel.
-
-    References
-    ----------
     OpenSim ``Muscle.cpp``, calcMuscleStiffness.
     """
     total = first + second
     return first * second / select(first * second == 0.0, 1.0, total)
-
-
-def tendon_stiffness_at_length(muscle: HillMuscle, tendon_length: Expression) -> Expression:
-    r"""Tendon stiffness from its length.
-
-    .. math:: k_T = \frac{F_0}{\ell_s^T} f_T'(\ell^T/\ell_s^T)
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-    tendon_length : float or DM or SX or MX, any shape [m]
-        Tendon length.
-
-    Returns
-    -------
-    DM or SX or MX, same shape [N/m]
-        Stiffness.
-    """
-    slope = muscle.curves.tendon_force_length_slope(
-        tendon_length / muscle.tendon_slack_length, muscle.curve_parameters
-    )
-    return muscle.max_isometric_force / muscle.tendon_slack_length * slope
 
 
 def tendon_stiffness_at_force(muscle: HillMuscle, tendon_force: Expression) -> Expression:
@@ -152,34 +87,6 @@ def tendon_stiffness_at_force(muscle: HillMuscle, tendon_force: Expression) -> E
     return muscle.max_isometric_force / muscle.tendon_slack_length * slope
 
 
-def short_range_fiber_stiffness(
-    muscle: HillMuscle, fiber_force: Expression, gamma: Expression = SHORT_RANGE_CONSTANT
-) -> Expression:
-    r"""Short-range stiffness of the fiber: the cross-bridges that are attached.
-
-    .. math:: k^M = \gamma F^M/\ell_0^M
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants.
-    fiber_force : float or DM or SX or MX, any shape [N]
-        Along the fiber.
-    gamma : float or DM or SX or MX, same shape [-]
-        Dimensionless stiffness, 23.4.
-
-    Returns
-    -------
-    float or DM or SX or MX, same shape [N/m]
-        Linear in force.
-
-    References
-    ----------
-    Cui, Perreault, Maas and Sandercock (2008), J Biomech 41:1945-1952.
-    """
-    return gamma * fiber_force / muscle.optimal_fiber_length
-
-
 def short_range_stiffness(
     muscle: HillMuscle,
     tendon_force: Expression,
@@ -187,9 +94,10 @@ def short_range_stiffness(
     cos_pennation_angle: Expression,
     gamma: Expression = SHORT_RANGE_CONSTANT,
 ) -> Expression:
-    r"""Short-range stiffness of fiber and tendon in series.
+    r"""Short-range stiffness, that of the cross-bridges that are attached, of fiber and tendon in series.
 
-    .. math:: k = \Big(\frac1{k_{AT}} + \frac1{k_T(F)}\Big)^{-1}, \quad F^M = F/\cos\alpha
+    .. math:: k = \Big(\frac1{k_{AT}} + \frac1{k_T(F)}\Big)^{-1}, \quad k^M = \gamma F^M/\ell_0^M, \quad
+              F^M = F/\cos\alpha
 
     Parameters
     ----------
@@ -208,32 +116,20 @@ def short_range_stiffness(
     -------
     DM or SX or MX, same shape [N/m]
         Along the path. Not linear in force, because the tendon stiffens. A class whose tendon is rigid gets
-        the fiber's stiffness along the tendon.
+        the fiber's stiffness along the tendon, which is linear in force.
 
     References
     ----------
-    Cui et al. (2008), J Biomech 41:1945-1952.
+    Cui, Perreault, Maas and Sandercock (2008), J Biomech 41:1945-1952.
     """
     fiber_force = tendon_force / cos_pennation_angle
     fiber = stiffness_along_tendon(
-        short_range_fiber_stiffness(muscle, fiber_force, gamma),
-        fiber_force,
-        fiber_length,
-        cos_pennation_angle,
+        gamma * fiber_force / muscle.optimal_fiber_length, fiber_force, fiber_length, cos_pennation_angle
     )
     if not muscle.curves.HAS_ELASTIC_TENDON:
         return fiber
     tendon = tendon_stiffness_at_force(muscle, tendon_force)
     return fiber * tendon / (fiber + tendon)
-
-
-class ForceLengthStiffness(NamedTuple):
-    """Stiffnesses from the slopes of the curves, as OpenSim reports them."""
-
-    fiber: Expression  #: derivative of fiber force by fiber length [N/m]
-    fiber_along_tendon: Expression  #: the same along the tendon [N/m]
-    tendon: Expression  #: [N/m]
-    muscle: Expression  #: fiber along the tendon and tendon in series [N/m]
 
 
 def fiber_stiffness(
@@ -273,56 +169,3 @@ def fiber_stiffness(
         length, shape
     ) + curves.passive_force_length_slope(length, shape)
     return muscle.max_isometric_force / muscle.optimal_fiber_length * slope
-
-
-def force_length_stiffness(
-    muscle: HillMuscle,
-    activation: Expression,
-    fiber_length: Expression,
-    cos_pennation_angle: Expression,
-    tendon_length: Expression,
-    normalized_fiber_velocity: Expression = 0.0,
-) -> ForceLengthStiffness:
-    r"""Stiffness of an elastic muscle from the slopes of its curves.
-
-    .. math:: k = \Big(\frac1{k^M \cos^2\alpha + F^M \sin^2\alpha/\ell^M}
-              + \frac{\ell_s^T}{F_0 f_T'}\Big)^{-1}
-
-    Parameters
-    ----------
-    muscle : HillMuscle
-        Constants, of a class with an elastic tendon.
-    activation : float or DM or SX or MX, any shape [-]
-        0 to 1.
-    fiber_length : float or DM or SX or MX, same shape [m]
-        Fiber length.
-    cos_pennation_angle : float or DM or SX or MX, same shape [-]
-        Cosine of the pennation angle.
-    tendon_length : float or DM or SX or MX, same shape [m]
-        Tendon length.
-    normalized_fiber_velocity : float or DM or SX or MX, same shape [-]
-        Lengthening positive.
-
-    Returns
-    -------
-    ForceLengthStiffness
-        At static equilibrium `muscle` is the derivative of tendon force by path length at constant
-        activation.
-
-    Notes
-    -----
-    10 to 50 times softer than short-range stiffness and negative on the descending limb: of little use
-    for posture.
-    """
-    curves, shape = muscle.curves, muscle.curve_parameters
-    length = fiber_length / muscle.optimal_fiber_length
-    multiplier = curves.force_velocity(normalized_fiber_velocity, shape, activation)
-    fiber_force = muscle.max_isometric_force * (
-        activation * curves.active_force_length(length, shape) * multiplier
-        + curves.passive_force_length(length, shape)
-        + curves.fiber_damping(shape) * normalized_fiber_velocity
-    )
-    fiber = fiber_stiffness(muscle, activation, fiber_length, multiplier)
-    along_tendon = stiffness_along_tendon(fiber, fiber_force, fiber_length, cos_pennation_angle)
-    tendon = tendon_stiffness_at_length(muscle, tendon_length)
-    return ForceLengthStiffness(fiber, along_tendon, tendon, in_series(along_tendon, tendon))

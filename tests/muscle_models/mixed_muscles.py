@@ -10,9 +10,9 @@ import dataclasses
 
 import numpy as np
 from helpers import motion
+from muscle_models.classes import AtDefaults, millard2012, rigid_tendon_muscle
 
 import scso_nlp as scso
-from scso_nlp.muscle_models import millard2012, rigid_tendon_muscle
 from scso_nlp.muscle_models.curves import on_arrays
 
 THELEN, MILLARD, DE_GROOTE, RIGID = (
@@ -145,9 +145,10 @@ def _millard_tendon(stretch, shape):
 
 
 def _rigid(length, velocity, a, shape):
-    active = on_arrays(rigid_tendon_muscle.active_force_length, length)
-    multiplier = on_arrays(rigid_tendon_muscle.force_velocity, velocity)
-    return active * multiplier, on_arrays(rigid_tendon_muscle.passive_force_length, length), 0.0
+    curves = AtDefaults(rigid_tendon_muscle)
+    active = on_arrays(curves.active_force_length, length)
+    multiplier = on_arrays(curves.force_velocity, velocity)
+    return active * multiplier, on_arrays(curves.passive_force_length, length), 0.0
 
 
 _FIBERS = {THELEN: _thelen, MILLARD: _millard, DE_GROOTE: _de_groote, RIGID: _rigid}

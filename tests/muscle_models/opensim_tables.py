@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from muscle_models.classes import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
 
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
 from scso_nlp.muscle_models.hill_muscle import HillMuscle
 
 ACTIVE, VELOCITY = "active_force_length_curve.", "force_velocity_curve."
@@ -96,7 +96,8 @@ CURVE_PARAMETERS = {
 #: With a rigid tendon the undamped muscle uses the curves of the damped one.
 RIGID_CURVE_PARAMETERS = CURVE_PARAMETERS | {("millard2012", "p3"): {"fiber_damping": 0.0}}
 
-MODULES = {
+#: The muscle class of every table: one line per class.
+CLASSES = {
     "thelen2003": thelen2003,
     "millard2012": millard2012,
     "degroote2016": degroote2016,
@@ -132,7 +133,7 @@ def muscle(folder, case, *, rigid=False):
     name, parameter_set = case
     with np.load(folder / "muscle_curves" / f"reference_{name}.npz") as data:
         constants = data[f"{parameter_set}_params"]
-    curves = MODULES[name]
+    curves = CLASSES[name]
     given = (RIGID_CURVE_PARAMETERS if rigid else CURVE_PARAMETERS).get(case, {})
     return HillMuscle(
         curves=curves,

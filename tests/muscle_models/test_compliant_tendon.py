@@ -21,8 +21,9 @@ from muscle_models.mixed_muscles import (
 
 import scso_nlp as scso
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import repeat_over_frames, solve_equilibrium
-from scso_nlp.muscle_models.hill_muscle import tendon_force as force_of_tendon
+from scso_nlp.muscle_models.equilibrium import solve_equilibrium
+from scso_nlp.muscle_models.force import tendon_force as force_of_tendon
+from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import muscle_groups
 from scso_nlp.transcription.build import describe, split_rows
 

@@ -8,23 +8,37 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from muscle_models import opensim_tables as tables
+from muscle_models.classes import (
+    ELASTIC,
+    AtDefaults,
+    degroote2016,
+    millard2012,
+    name_of,
+    rigid_tendon_muscle,
+    thelen2003,
+)
 
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
-from scso_nlp.muscle_models.hill_muscle import (
-    HillMuscle,
-    equilibrium_residual,
-    n_constants,
-    pack,
-    rigid_tendon_force,
-    unpack,
+from scso_nlp.exceptions import DataError
+from scso_nlp.muscle_models import bezier
+from scso_nlp.muscle_models.bezier import bezier_curve, swapped
+from scso_nlp.muscle_models.degroote2016 import ACTIVE_BUMPS
+from scso_nlp.muscle_models.equilibrium import equilibrium_residual
+from scso_nlp.muscle_models.force import rigid_tendon_force
+from scso_nlp.muscle_models.hill_muscle import HillMuscle, n_constants, pack, unpack
+from scso_nlp.muscle_models.millard2012 import (
+    MIN_FORCE_OF_TENDON_SLOPE,
+    active_force_length_corners,
+    force_velocity_corners,
+    passive_force_length_corners,
+    tendon_force_length_corners,
 )
 from scso_nlp.muscle_models.stiffness import fiber_stiffness
 
 BUILDERS = {
-    "afl": (tables.ACTIVE_NAMES, millard2012.active_force_length_corners),
-    "fv": (tables.VELOCITY_NAMES, millard2012.force_velocity_corners),
-    "ffl": (tables.PASSIVE_NAMES, millard2012.passive_force_length_corners),
-    "tfl": (tables.TENDON_NAMES, millard2012.tendon_force_length_corners),
+    "afl": (tables.ACTIVE_NAMES, active_force_length_corners),
+    "fv": (tables.VELOCITY_NAMES, force_velocity_corners),
+    "ffl": (tables.PASSIVE_NAMES, passive_force_length_corners),
+    "tfl": (tables.TENDON_NAMES, tendon_force_length_corners),
 }
 TABLE_CURVES = (
     [f"afl{i}" for i in range(4)]
@@ -40,7 +54,7 @@ def corners_of(curve, values):
     names, build = BUILDERS[kind.removesuffix("i") if kind == "fvi" else kind]
     parameters = millard2012.DEFAULT_CURVE_PARAMETERS | dict(zip(names, map(float, values), strict=True))
     corners = build(parameters)
-    return millard2012.swapped(corners) if kind == "fvi" else corners
+    return swapped(corners) if kind == "fvi" else corners
 
 
 def derivatives(curve, x, order=2):
@@ -98,8 +112,8 @@ def test_millard_curves_and_two_derivatives_equal_opensim(shared_data, curve):
     with np.load(shared_data / "muscle_curves" / "reference_curves_millard.npz") as data:
         corners = corners_of(curve, data[f"{curve}_par"])
         x, expected = data[f"{curve}_x"], [data[f"{curve}_{suffix}"] for suffix in ("y", "dy", "d2y")]
-    values = derivatives(lambda s: millard2012.bezier_curve(s, corners), x)
-    slope = derivatives(lambda s: millard2012.bezier_curve(s, corners, derivative=1), x, order=0)[0]
+    values = derivatives(lambda s: bezier_curve(s, corners), x)
+    slope = derivatives(lambda s: bezier_curve(s, corners, derivative=1), x, order=0)[0]
     assert np.abs(values[0] - expected[0]).max() < 2e-12
     # OpenSim stops at x(u) - x = 2.2e-14: its slope is off by that times the curvature, at most 1e4
     limit = 2e-12 + 2.2e-14 * np.abs(expected[2]).max()
@@ -112,7 +126,7 @@ def test_millard_curves_and_two_derivatives_equal_opensim(shared_data, curve):
 def test_millard_curves_equal_extended_precision(shared_data, curve):
     with np.load(shared_data / "muscle_curves" / "reference_curves_millard.npz") as data:
         corners, x = corners_of(curve, data[f"{curve}_par"]), data[f"{curve}_x"][::20]
-    values = derivatives(lambda s: millard2012.bezier_curve(s, corners), x)
+    values = derivatives(lambda s: bezier_curve(s, corners), x)
     expected = exactly(corners, x)
     scale = np.abs(expected).max(axis=1, keepdims=True)
     error = np.abs(values - expected) / scale
@@ -129,74 +143,75 @@ def test_halley_steps_leave_only_rounding(shared_data):
     part = ca.DM(np.linspace(0.0, 1.0, 1001))
     for name, corners in curves.items():
         for c in corners:
-            c = millard2012.Corner(*(ca.DM(value) for value in c))
+            c = bezier.Corner(*(ca.DM(value) for value in c))
             length = c.x_d0 + c.x_dm + c.x_d1
-            powers = millard2012._powers(c[1:4])
-            u = millard2012._cubic_guess(c, part)
-            for _ in range(millard2012.HALLEY_STEPS):
-                u = millard2012._halley_step(u, part * length, powers)
-            left = millard2012._dot(millard2012._weights(u)[0], c[1:4]) - part * length
+            powers = bezier._powers(c[1:4])
+            u = bezier._cubic_guess(c, part)
+            for _ in range(bezier.HALLEY_STEPS):
+                u = bezier._halley_step(u, part * length, powers)
+            left = bezier._dot(bezier._weights(u)[0], c[1:4]) - part * length
             assert np.abs(left.full()).max() < 5e-14, name
 
 
 @pytest.mark.parametrize(
-    ("curve", "build", "low", "high"),
+    ("build", "low", "high"),
     [
-        (millard2012.active_force_length, millard2012.active_force_length_corners, 0.3, 2.0),
-        (millard2012.force_velocity, millard2012.force_velocity_corners, -1.1, 1.1),
-        (millard2012.passive_force_length, millard2012.passive_force_length_corners, 0.9, 1.8),
-        (millard2012.tendon_force_length, millard2012.tendon_force_length_corners, 0.99, 1.06),
+        (active_force_length_corners, 0.3, 2.0),
+        (force_velocity_corners, -1.1, 1.1),
+        (passive_force_length_corners, 0.9, 1.8),
+        (tendon_force_length_corners, 0.99, 1.06),
     ],
 )
-def test_order_three_gives_the_third_derivative(curve, build, low, high):
+def test_order_three_gives_the_third_derivative(build, low, high):
     """Fourth-order differences of the second derivative, away from joints, where the third one jumps."""
-    parameters = millard2012.DEFAULT_CURVE_PARAMETERS
     h = 1e-4 * (high - low)
-    corners = build(parameters)
+    corners = build(millard2012.DEFAULT_CURVE_PARAMETERS)
     joints = [float(c.x) for c in corners]
     joints.append(joints[-1] + sum(float(d) for d in corners[-1][1:4]))
     x = np.linspace(low, high, 203)
     x = x[np.abs(x[:, None] - joints).min(axis=1) > 20 * h]
-    third = derivatives(lambda s: curve(s, parameters, order=3), x, order=3)[3]
+    third = derivatives(lambda s: bezier_curve(s, corners, order=3), x, order=3)[3]
 
     def second(shift):
-        return derivatives(curve, x + shift)[2]
+        return derivatives(lambda s: bezier_curve(s, corners), x + shift)[2]
 
     difference = (8.0 * (second(h) - second(-h)) - (second(2 * h) - second(-2 * h))) / (12.0 * h)
     assert np.abs(third - difference).max() < 1e-5 * np.abs(third).max()
 
 
 @pytest.mark.parametrize(
-    ("slope", "low", "high"),
+    ("slope", "build", "low", "high"),
     [
-        (millard2012.active_force_length_slope, 0.3, 2.0),
-        (millard2012.passive_force_length_slope, 0.9, 1.8),
-        (millard2012.tendon_force_length_slope, 0.99, 1.06),
+        (AtDefaults(millard2012).active_force_length_slope, active_force_length_corners, 0.3, 2.0),
+        (AtDefaults(millard2012).passive_force_length_slope, passive_force_length_corners, 0.9, 1.8),
+        (None, tendon_force_length_corners, 0.99, 1.06),
     ],
 )
-def test_slopes_are_twice_differentiable(slope, low, high):
+def test_slopes_are_twice_differentiable(slope, build, low, high):
+    """Of the tendon, whose slope the class gives as a function of force, the slope of its corners."""
     x = np.linspace(low, high, 203)
-    value, first, second = derivatives(slope, x)
-    curve = {
-        millard2012.active_force_length_slope: millard2012.active_force_length,
-        millard2012.passive_force_length_slope: millard2012.passive_force_length,
-        millard2012.tendon_force_length_slope: millard2012.tendon_force_length,
-    }[slope]
-    expected = derivatives(lambda s: curve(s, millard2012.DEFAULT_CURVE_PARAMETERS, order=3), x, order=3)
+    corners = build(millard2012.DEFAULT_CURVE_PARAMETERS)
+    value, first, second = derivatives(slope or (lambda s: bezier_curve(s, corners, derivative=1)), x)
+    expected = derivatives(lambda s: bezier_curve(s, corners, order=3), x, order=3)
     for ours, theirs in zip((value, first, second), expected[1:], strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-11 * (1.0 + np.abs(theirs).max()))
 
 
-@pytest.mark.parametrize(
-    "module", [thelen2003, degroote2016, rigid_tendon_muscle], ids=lambda m: m.OPENSIM_CLASS
-)
+@pytest.mark.parametrize("module", [thelen2003, degroote2016, rigid_tendon_muscle], ids=name_of)
 def test_slope_functions_are_the_derivatives_of_their_curves(module):
-    length = np.linspace(0.3, 1.8, 304)
-    pairs = [(module.active_force_length, module.active_force_length_slope, length)]
-    pairs += [(module.passive_force_length, module.passive_force_length_slope, length)]
+    length, curves = np.linspace(0.3, 1.8, 304), AtDefaults(module)
+    pairs = [(curves.active_force_length, curves.active_force_length_slope, length)]
+    pairs += [(curves.passive_force_length, curves.passive_force_length_slope, length)]
     if module.HAS_ELASTIC_TENDON:
+        # a slack tendon has the slope of the stretched side at zero force
+        stretch = np.linspace(0.98, 1.07, 304)
+        stretch = stretch[stretch > 1.0] if module is thelen2003 else stretch
         pairs += [
-            (module.tendon_force_length, module.tendon_force_length_slope, np.linspace(0.98, 1.07, 304))
+            (
+                curves.tendon_force_length,
+                lambda x: curves.tendon_slope_at_force(curves.tendon_force_length(x)),
+                stretch,
+            )
         ]
     for curve, slope, x in pairs:
         first = derivatives(curve, x, order=1)[1]
@@ -222,7 +237,7 @@ def degroote_numpy(a, length, velocity):
     lm = np.sqrt((length - 0.2) ** 2 + (0.1 * np.sin(0.2)) ** 2)
     cos = (length - 0.2) / lm
     n, v = lm / 0.1, velocity * cos / (0.1 * 10.0)
-    b = np.array(degroote2016.ACTIVE_BUMPS)
+    b = np.array(ACTIVE_BUMPS)
     fl = sum(b1 * np.exp(-0.5 * (n - b2) ** 2 / (b3 + b4 * n) ** 2) for b1, b2, b3, b4 in b)
     t = -8.149 * v - 0.374
     fv = -0.3211346127989808 * np.log(t + np.sqrt(t**2 + 1)) + 0.8825327733249912
@@ -273,7 +288,7 @@ def test_force_hessian_equals_complex_steps(module, formula, shape, rng):
         np.testing.assert_allclose(ours_hessian, np.array(rows), rtol=0, atol=3e-6 * np.abs(rows).max())
 
 
-@pytest.mark.parametrize("curves", [thelen2003, millard2012, degroote2016], ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("curves", ELASTIC, ids=name_of)
 def test_gradient_and_hessian_by_every_constant_of_the_muscle(curves):
     """Differences of residual and gradient by optimal length, slack length, shape: calibration needs them."""
     q, a, length = 0.088, 0.6, 0.295
@@ -298,7 +313,7 @@ def test_gradient_and_hessian_by_every_constant_of_the_muscle(curves):
         assert (np.abs(hessian[:, i] - column) < 1e-5 * scale + rounding).all(), i
 
 
-@pytest.mark.parametrize("curves", [thelen2003, millard2012, degroote2016], ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("curves", ELASTIC, ids=name_of)
 def test_hessian_of_a_force_length_stiffness(curves):
     muscle = HillMuscle(curves=curves)
     x = ca.SX.sym("x", 2)
@@ -327,15 +342,15 @@ def test_any_allowed_tendon_curve_is_monotone_exact_and_invertible(choice, where
     )
     try:
         millard2012.check_curve_parameters("m", parameters)
-    except millard2012.DataError:
+    except DataError:
         return
-    corners = millard2012.tendon_force_length_corners(parameters)
+    corners = tendon_force_length_corners(parameters)
     stretch = 1.0 + strain * (0.01 + 1.3 * where)
-    force, slope, _ = derivatives(lambda s: millard2012.bezier_curve(s, corners), np.array([stretch]))[:, 0]
+    force, slope, _ = derivatives(lambda s: bezier_curve(s, corners), np.array([stretch]))[:, 0]
     expected = exactly(corners, [stretch])[:, 0]
     assert abs(force - expected[0]) < 1e-13
     assert slope > 0
     inverse = float(millard2012.inverse_tendon_force_length(force, parameters))
     assert inverse == pytest.approx(stretch, abs=1e-13)
-    if force > millard2012.MIN_FORCE_OF_TENDON_SLOPE:
+    if force > MIN_FORCE_OF_TENDON_SLOPE:
         assert float(millard2012.tendon_slope_at_force(force, parameters)) == pytest.approx(slope, rel=1e-8)

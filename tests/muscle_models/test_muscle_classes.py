@@ -3,24 +3,25 @@
 import casadi as ca
 import numpy as np
 import pytest
+from muscle_models.classes import (
+    ALL,
+    ELASTIC,
+    AtDefaults,
+    degroote2016,
+    millard2012,
+    name_of,
+    rigid_tendon_muscle,
+    thelen2003,
+)
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import (
-    HillMuscle,
-    equilibrium_residual,
-    pack,
-    repeat_over_frames,
-    rigid_tendon_force,
-    solve_equilibrium,
-    unpack,
-)
+from scso_nlp.muscle_models.equilibrium import equilibrium_residual, solve_equilibrium
+from scso_nlp.muscle_models.force import rigid_tendon_force
+from scso_nlp.muscle_models.hill_muscle import HillMuscle, pack, repeat_over_frames, unpack
 from scso_nlp.muscle_models.muscle_classes import MUSCLE_CLASSES, curves_of, muscle_groups
 from scso_nlp.muscle_models.pennation import clamped_rigid_tendon_fiber, rigid_tendon_fiber
 from scso_nlp.muscles import MuscleParameters
-
-ELASTIC = [thelen2003, millard2012, degroote2016]
 
 
 def parameters(classes, **changes):
@@ -56,10 +57,16 @@ def test_a_class_without_a_model_is_refused_by_name_with_the_nearest_one(opensim
         muscle_groups(parameters(["Thelen2003Muscle", opensim_class]))
 
 
-def test_every_module_has_its_own_name():
-    for opensim_class, module in MUSCLE_CLASSES.items():
-        assert opensim_class == module.OPENSIM_CLASS
-        assert curves_of(opensim_class) is module
+def test_every_class_is_found_under_opensims_own_name():
+    expected = {
+        "Thelen2003Muscle": thelen2003,
+        "Millard2012EquilibriumMuscle": millard2012,
+        "DeGrooteFregly2016Muscle": degroote2016,
+        "RigidTendonMuscle": rigid_tendon_muscle,
+    }
+    assert {name: type(curves_of(name)) for name in MUSCLE_CLASSES} == {
+        name: type(curves) for name, curves in expected.items()
+    }
 
 
 def test_muscles_of_mixed_classes_are_sorted_and_evaluated_like_one_by_one():
@@ -93,7 +100,7 @@ def test_muscles_of_mixed_classes_are_sorted_and_evaluated_like_one_by_one():
             assert found[k, m] == pytest.approx(expected, rel=1e-13)
 
 
-@pytest.mark.parametrize("module", [*ELASTIC, rigid_tendon_muscle], ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ALL, ids=name_of)
 def test_float_dm_sx_and_mx_agree(module):
     muscle = HillMuscle(curves=module, pennation_angle_at_optimal=0.2)
     points = np.array([[0.3, 0.31, 0.05], [0.9, 0.29, -0.2], [0.6, 0.33, 0.4]])
@@ -106,7 +113,7 @@ def test_float_dm_sx_and_mx_agree(module):
         assert float(rigid_tendon_force(muscle, *map(float, row))) == pytest.approx(value, rel=1e-14)
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_packed_constants_come_back(module):
     muscle = HillMuscle(curves=module, optimal_fiber_length=ca.DM([0.1, 0.05]))
     again = unpack(module, pack(muscle))
@@ -119,14 +126,14 @@ def test_packed_constants_come_back(module):
 
 def test_on_arrays_keeps_the_shape_and_broadcasts():
     x = np.linspace(0.5, 1.5, 12).reshape(3, 4)
-    values = on_arrays(thelen2003.active_force_length, x)
+    values = on_arrays(AtDefaults(thelen2003).active_force_length, x)
     assert values.shape == (3, 4)
     np.testing.assert_allclose(values, np.exp(-((x - 1.0) ** 2) / 0.45), rtol=1e-15)
     assert on_arrays(lambda a, b: a + b, np.zeros((3, 1)), np.arange(4.0)).shape == (3, 4)
     assert on_arrays(lambda a: 2.0, x).shape == (3, 4)
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_equilibrium_on_trajectories_is_that_of_each_frame(module):
     muscle = HillMuscle(
         curves=module,
@@ -149,7 +156,7 @@ def test_equilibrium_on_trajectories_is_that_of_each_frame(module):
         np.testing.assert_allclose(alone.tendon_force, state.tendon_force[:, m], rtol=1e-10)
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_a_path_shorter_than_tendon_and_fiber_is_reported_and_pulls_nothing(module):
     state = solve_equilibrium(HillMuscle(curves=module), np.array([0.5, 0.5]), np.array([0.19, 0.3]))
     np.testing.assert_array_equal(state.is_at_lower_bound, [True, False])
@@ -264,15 +271,13 @@ def test_properties_that_are_no_curve_parameters_may_stand_beside_them():
 def test_the_rigid_class_has_no_tendon_curve():
     with pytest.raises(DataError, match="RigidTendonMuscle has no tendon curve"):
         solve_equilibrium(HillMuscle(curves=rigid_tendon_muscle), np.ones(1), np.full(1, 0.3))
-    with pytest.raises(DataError, match="no inverse force-velocity curve"):
-        rigid_tendon_muscle.inverse_force_velocity(1.0)
     for refused in (
-        rigid_tendon_muscle.tendon_force_length_slope,
+        rigid_tendon_muscle.tendon_force_length,
         rigid_tendon_muscle.inverse_tendon_force_length,
         rigid_tendon_muscle.tendon_slope_at_force,
     ):
         with pytest.raises(DataError, match="no tendon curve"):
-            refused(1.0)
+            refused(1.0, {})
 
 
 def test_passive_force_that_a_model_ignores_is_zero():

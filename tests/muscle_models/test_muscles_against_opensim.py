@@ -7,18 +7,15 @@ abscissa, the Thelen force-velocity curve to 1e-6 in velocity, its equilibria to
 import casadi as ca
 import numpy as np
 import pytest
+from muscle_models import opensim_formulas
 from muscle_models import opensim_tables as tables
 from muscle_models.opensim_tables import CASES, ELASTIC_CASES
 
 from scso_nlp.muscle_models import stiffness
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import (
-    repeat_over_frames,
-    rigid_tendon_force,
-    rigid_tendon_force_parts,
-    solve_equilibrium,
-    tendon_force,
-)
+from scso_nlp.muscle_models.equilibrium import solve_equilibrium
+from scso_nlp.muscle_models.force import rigid_tendon_force, rigid_tendon_force_parts, tendon_force
+from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 
 CURVE_TOLERANCE = 2e-12
 #: Of maximum isometric force; the closed Thelen curve is exact, OpenSim's iteration is not.
@@ -36,7 +33,7 @@ def is_clamped(case, rows):
 def test_opensim_capacity_equals_calc_inextensible_tendon_active_fiber_force(shared_data, case):
     rows, muscle = tables.table(shared_data, case, "rigid"), tables.muscle(shared_data, case, rigid=True)
     force = on_arrays(
-        lambda a, length, velocity: muscle.curves.opensim_optimal_force(muscle, length, velocity, a),
+        lambda a, length, velocity: opensim_formulas.optimal_force(muscle, length, velocity, a),
         rows["a"],
         rows["lMT"],
         rows["vMT"],
@@ -51,7 +48,7 @@ def test_opensim_capacity_of_whole_models(shared_data, name):
     muscles, data = tables.model_muscles(shared_data, name)
     columns = repeat_over_frames(muscles, len(data["lMT"]))
     force = on_arrays(
-        lambda length, velocity: muscles.curves.opensim_optimal_force(columns, length, velocity),
+        lambda length, velocity: opensim_formulas.optimal_force(columns, length, velocity),
         data["lMT"],
         data["vMT"],
     )
@@ -132,7 +129,9 @@ def test_curves_forces_and_velocities_of_explicit_states(shared_data, case):
         assert np.abs(values - multiplier).max() < CURVE_TOLERANCE
     else:
         # here OpenSim computes the velocity from the force by the inverse curve
-        inverse = on_arrays(lambda f, x: curves.inverse_force_velocity(f, shape, x), multiplier, a)
+        inverse = on_arrays(
+            lambda f, x: opensim_formulas.inverse_force_velocity(curves, f, shape, x), multiplier, a
+        )
         assert (np.abs(inverse - velocity) / (1.0 + np.abs(velocity))).max() < CURVE_TOLERANCE
 
 
@@ -143,7 +142,7 @@ def test_stiffness_of_explicit_states(shared_data, case):
     rows = {name: values[good] for name, values in rows.items()}
     fiber = on_arrays(lambda *x: stiffness.fiber_stiffness(muscle, *x), rows["a"], rows["lM"], rows["fv"])
     along = on_arrays(stiffness.stiffness_along_tendon, rows["kM"], rows["FM"], rows["lM"], rows["cosalpha"])
-    tendon = on_arrays(lambda x: stiffness.tendon_stiffness_at_length(muscle, x), rows["lT"])
+    tendon = on_arrays(lambda x: opensim_formulas.tendon_stiffness_at_length(muscle, x), rows["lT"])
     whole = on_arrays(stiffness.in_series, rows["kM_AT"], rows["kT"])
     fiber_scale = muscle.max_isometric_force / muscle.optimal_fiber_length
     tendon_scale = 28.0 * muscle.max_isometric_force / muscle.tendon_slack_length
@@ -200,7 +199,7 @@ def test_equilibrium_and_stiffness_of_whole_models(shared_data, name):
         rows = {c: data["equil"][:, k, :, i] for c, i in index.items()}
         state = solve_equilibrium(muscles, np.full(shape, activation), data["lMT"])
         assert (np.abs(state.tendon_force - rows["Ft"]) / strength).max() < 2e-8
-        found = stiffness.force_length_stiffness(
+        found = opensim_formulas.force_length_stiffness(
             columns,
             activation,
             ca.DM(rows["lM"].ravel()),

@@ -2,17 +2,22 @@
 
 import numpy as np
 import pytest
+from muscle_models import classes
+from muscle_models.classes import AtDefaults, slope
+from muscle_models.opensim_formulas import inverse_force_velocity, optimal_force
 
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import HillMuscle, rigid_tendon_force, rigid_tendon_force_parts
+from scso_nlp.muscle_models.force import rigid_tendon_force, rigid_tendon_force_parts
+from scso_nlp.muscle_models.hill_muscle import HillMuscle
+from scso_nlp.muscle_models.thelen2003 import _tendon_toe
 
-ALL = [thelen2003, millard2012, degroote2016, rigid_tendon_muscle]
-ELASTIC = [thelen2003, millard2012, degroote2016]
+ALL = [AtDefaults(curves) for curves in classes.ALL]
+thelen2003, millard2012, degroote2016, rigid_tendon_muscle = ALL
+ELASTIC = ALL[:-1]
 
 
 def name(module):
-    return module.OPENSIM_CLASS
+    return module.curves.OPENSIM_CLASS
 
 
 @pytest.mark.parametrize(("module", "peak"), [(m, 1.0) for m in ELASTIC] + [(rigid_tendon_muscle, 0.998869)])
@@ -110,11 +115,21 @@ def test_passive_force_only_when_stretched():
     assert float(degroote2016.passive_force_length(0.2)) == pytest.approx(0.0, abs=1e-15)
 
 
+def test_the_passive_spline_of_the_rigid_class_levels_off_and_swings_a_little():
+    length = np.linspace(1.0, 6.0, 50001)
+    value = on_arrays(rigid_tendon_muscle.passive_force_length, length)
+    assert value.max() == pytest.approx(2.0105, abs=5e-5)
+    slopes = on_arrays(rigid_tendon_muscle.passive_force_length_slope, length)
+    assert -0.033 < slopes.min() < -0.032
+    falls = length[slopes < -1e-3]
+    assert (((falls > 1.6) & (falls < 1.602)) | (falls > 3.3)).all()
+
+
 def test_thelen_kinks_where_its_documentation_says():
     assert float(thelen2003.passive_force_length_slope(1.0)) == 0.0
     assert float(thelen2003.passive_force_length_slope(1.0 + 1e-12)) == pytest.approx(0.0565, abs=5e-5)
-    assert float(thelen2003.tendon_force_length_slope(1.0)) == 0.0
-    assert float(thelen2003.tendon_force_length_slope(1.0 + 1e-12)) == pytest.approx(2.13, abs=5e-3)
+    assert float(slope(thelen2003.tendon_force_length)(1.0)) == 0.0
+    assert float(slope(thelen2003.tendon_force_length)(1.0 + 1e-12)) == pytest.approx(2.13, abs=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -140,11 +155,11 @@ def test_slack_tendons_pull_nothing_except_de_grootes_which_pushes_a_little():
 
 def test_tendon_toes_and_linear_slopes():
     """Thelen: 0.33 at 0.609 of the strain, then 1.712 over it. Millard: 1.375 over the strain."""
-    toe, linear = thelen2003._tendon_toe(thelen2003.DEFAULT_CURVE_PARAMETERS)
+    toe, linear = _tendon_toe(thelen2003.curves.DEFAULT_CURVE_PARAMETERS)
     assert toe / 0.04 == pytest.approx(0.609, abs=5e-4)
     assert linear * 0.04 == pytest.approx(1.712, abs=5e-4)
     assert float(thelen2003.tendon_force_length(1.0 + toe)) == pytest.approx(0.33, abs=1e-12)
-    assert float(millard2012.tendon_force_length_slope(1.049)) == pytest.approx(1.375 / 0.049, rel=1e-12)
+    assert float(slope(millard2012.tendon_force_length)(1.049)) == pytest.approx(1.375 / 0.049, rel=1e-12)
     assert float(degroote2016.tendon_slope_at_force(0.0)) == pytest.approx(7.31, abs=5e-3)
 
 
@@ -153,23 +168,23 @@ def test_inverses_invert(module):
     force = np.array([0.01, 0.2, 0.33, 0.6, 0.9, 1.3])
     length = on_arrays(module.inverse_tendon_force_length, force)
     np.testing.assert_allclose(on_arrays(module.tendon_force_length, length), force, rtol=0, atol=2e-14)
-    slope = on_arrays(module.tendon_force_length_slope, length)
+    expected = on_arrays(slope(module.tendon_force_length), length)
     # the slope of the toe changes by its curvature (up to 1e4) times a rounding of the length
-    np.testing.assert_allclose(on_arrays(module.tendon_slope_at_force, force), slope, rtol=1e-11)
-    shape = dict(module.DEFAULT_CURVE_PARAMETERS)
+    np.testing.assert_allclose(on_arrays(module.tendon_slope_at_force, force), expected, rtol=1e-11)
+    shape = dict(module.curves.DEFAULT_CURVE_PARAMETERS)
     if module is millard2012:
         # OpenSim's inverse always has these end slopes, its force-velocity curve without damping
         shape["force_velocity_curve.concentric_slope_at_vmax"] = 0.125
         shape["force_velocity_curve.eccentric_slope_at_vmax"] = 0.075
     velocity = np.array([-0.85, -0.5, -0.1, 0.0, 0.03, 0.1, 0.15, 0.5])
-    multiplier = on_arrays(lambda v: module.force_velocity(v, shape), velocity)
-    again = on_arrays(lambda f: module.inverse_force_velocity(f, shape), multiplier)
+    multiplier = on_arrays(lambda v: module.curves.force_velocity(v, shape), velocity)
+    again = on_arrays(lambda f: inverse_force_velocity(module.curves, f, shape), multiplier)
     np.testing.assert_allclose(again, velocity, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("module", ALL, ids=name)
 def test_rigid_tendon_force_is_affine_except_for_thelen(module):
-    muscle = HillMuscle(curves=module, pennation_angle_at_optimal=0.2)
+    muscle = HillMuscle(curves=module.curves, pennation_angle_at_optimal=0.2)
     active, passive = rigid_tendon_force_parts(muscle, 0.305, -0.2)
     for activation in (0.1, 0.3, 1.0):
         exact = float(rigid_tendon_force(muscle, activation, 0.305, -0.2))
@@ -182,7 +197,7 @@ def test_rigid_tendon_force_is_affine_except_for_thelen(module):
 
 def test_thelen_affine_force_overestimates_a_weak_shortening_muscle():
     """The documented numbers: 0.25 at a = 0.1 and 0.49 at a = 0.3, for a velocity of -0.2."""
-    muscle = HillMuscle(curves=thelen2003)
+    muscle = HillMuscle(curves=thelen2003.curves)
     for activation, share in ((0.1, 0.25), (0.3, 0.49)):
         active = float(rigid_tendon_force_parts(muscle, 0.3, -0.2)[0])
         assert float(rigid_tendon_force(muscle, activation, 0.3, -0.2)) / (
@@ -193,7 +208,7 @@ def test_thelen_affine_force_overestimates_a_weak_shortening_muscle():
 def test_opensim_capacity_of_a_pennate_millard_muscle_is_larger_than_the_physical_one():
     """By 1/cos(alpha), because OpenSim takes the angle of the normalized length; the soleus: up to 1.35."""
     muscle = HillMuscle(
-        curves=millard2012,
+        curves=millard2012.curves,
         max_isometric_force=3549.0,
         optimal_fiber_length=0.05,
         tendon_slack_length=0.25,
@@ -201,17 +216,17 @@ def test_opensim_capacity_of_a_pennate_millard_muscle_is_larger_than_the_physica
     )
     path = np.linspace(0.275, 0.32, 10)
     physical = on_arrays(lambda x: rigid_tendon_force_parts(muscle, x, 0.0)[0], path)
-    opensim = on_arrays(lambda x: millard2012.opensim_optimal_force(muscle, x, 0.0), path)
+    opensim = on_arrays(lambda x: optimal_force(muscle, x, 0.0), path)
     assert (opensim > physical).all()
     assert 1.3 < (opensim / physical).max() < 1.4
 
 
 @pytest.mark.parametrize("module", [thelen2003, millard2012], ids=name)
 def test_opensim_capacity_vanishes_for_a_fiber_at_its_lower_bound(module):
-    muscle = HillMuscle(curves=module, pennation_angle_at_optimal=0.3)
-    shortest = float(module.min_fiber_length(muscle))
+    muscle = HillMuscle(curves=module.curves, pennation_angle_at_optimal=0.3)
+    shortest = float(module.curves.min_fiber_length(muscle))
     width = 0.1 * np.sin(0.3)
     at_bound = 0.2 + np.sqrt(shortest**2 - width**2)
-    assert float(module.opensim_optimal_force(muscle, at_bound - 1e-9, 0.0)) == 0.0
-    assert float(module.opensim_optimal_force(muscle, 0.15, 0.0)) == 0.0
-    assert float(module.opensim_optimal_force(muscle, at_bound + 1e-2, 0.0)) > 0.0
+    assert float(optimal_force(muscle, at_bound - 1e-9, 0.0)) == 0.0
+    assert float(optimal_force(muscle, 0.15, 0.0)) == 0.0
+    assert float(optimal_force(muscle, at_bound + 1e-2, 0.0)) > 0.0

@@ -4,18 +4,13 @@ import casadi as ca
 import numpy as np
 import pytest
 from muscle_models import opensim_tables as tables
+from muscle_models.classes import ELASTIC, AtDefaults, name_of, rigid_tendon_muscle, slope
+from muscle_models.opensim_formulas import force_length_stiffness
 
-from scso_nlp.muscle_models import degroote2016, millard2012, rigid_tendon_muscle, thelen2003
 from scso_nlp.muscle_models import stiffness as laws
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import HillMuscle, repeat_over_frames, solve_equilibrium
-
-ELASTIC = [thelen2003, millard2012, degroote2016]
-
-
-def test_proportional_stiffness_by_hand():
-    """q F / L with q = 5, F = 100 N, L = 0.25 m."""
-    assert laws.proportional_stiffness(100.0, 0.25, 5.0) == 2000.0
+from scso_nlp.muscle_models.equilibrium import solve_equilibrium
+from scso_nlp.muscle_models.hill_muscle import HillMuscle, repeat_over_frames
 
 
 def test_springs_in_series():
@@ -37,25 +32,26 @@ def test_stiffness_along_the_tendon_is_the_derivative_of_the_projected_force():
 
 
 def test_short_range_fiber_stiffness_has_the_published_constant():
-    """Cui et al. (2008): 23.4 times force over optimal fiber length."""
-    muscle = HillMuscle(curves=thelen2003, optimal_fiber_length=0.117)
-    assert laws.short_range_fiber_stiffness(muscle, 100.0) == pytest.approx(20000.0)
+    """Cui et al. (2008): 23.4 times force over optimal fiber length; the tendon of this class is rigid."""
+    muscle = HillMuscle(curves=rigid_tendon_muscle, optimal_fiber_length=0.117)
+    assert laws.short_range_stiffness(muscle, 100.0, 0.1, 1.0) == pytest.approx(20000.0)
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_short_range_stiffness_without_pennation_is_two_springs(module):
     muscle = HillMuscle(curves=module)
     force = np.array([1.0, 50.0, 200.0, 600.0, 1000.0])
     fiber = 23.4 * force / 0.1
-    length = on_arrays(lambda f: module.inverse_tendon_force_length(f), force / 1000.0)
-    tendon = 1000.0 / 0.2 * on_arrays(module.tendon_force_length_slope, length)
+    curves = AtDefaults(module)
+    length = on_arrays(curves.inverse_tendon_force_length, force / 1000.0)
+    tendon = 1000.0 / 0.2 * on_arrays(slope(curves.tendon_force_length), length)
     found = on_arrays(lambda f: laws.short_range_stiffness(muscle, f, 0.09, 1.0), force)
     np.testing.assert_allclose(found, fiber * tendon / (fiber + tendon), rtol=1e-11)
     assert (found < fiber).all()
     assert (found < tendon).all()
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_short_range_stiffness_is_zero_and_differentiable_at_zero_force(module):
     muscle = HillMuscle(curves=module)
     f = ca.SX.sym("f")
@@ -74,24 +70,22 @@ def test_a_rigid_tendon_leaves_the_stiffness_of_the_fiber():
     assert laws.short_range_stiffness(muscle, 100.0, 0.1, 1.0) == pytest.approx(23400.0)
 
 
-@pytest.mark.parametrize("module", ELASTIC, ids=lambda m: m.OPENSIM_CLASS)
+@pytest.mark.parametrize("module", ELASTIC, ids=name_of)
 def test_stiffness_at_equilibrium_is_the_slope_of_force_over_path_length(module):
     muscle = HillMuscle(curves=module, pennation_angle_at_optimal=0.3)
     h = 1e-6
     path = np.array([0.27, 0.29, 0.31, 0.33])
     activation = np.full(4, 0.4)
     state, plus, minus = (solve_equilibrium(muscle, activation, path + d) for d in (0.0, h, -h))
-    slope = (plus.tendon_force - minus.tendon_force) / (2 * h)
+    expected = (plus.tendon_force - minus.tendon_force) / (2 * h)
     found = on_arrays(
-        lambda q, fiber, length: (
-            laws.force_length_stiffness(muscle, 0.4, fiber, q / fiber, length - q).muscle
-        ),
+        lambda q, fiber, length: force_length_stiffness(muscle, 0.4, fiber, q / fiber, length - q).muscle,
         state.fiber_length_along_tendon,
         state.fiber_length,
         path,
     )
     # truncation of the difference, and kinks of Thelen's curves are not met on this grid
-    np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
 
 
 @pytest.mark.parametrize(("model", "low", "high"), [("arm26", 28.0, 64.0), ("gait2392_thelen", 24.0, 105.0)])

@@ -11,6 +11,7 @@ import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
 from helpers import central_difference, two_antagonists
 from lifted_stability import LiftedStability
+from muscle_models.classes import slope
 from muscle_models.mixed_muscles import mixed_problem
 from scipy.optimize import brentq
 
@@ -91,8 +92,11 @@ def stiffness_by_hand(problem, law, activation, force, state):
         stretch = on_arrays(
             lambda f, c=curves, s=shape: c.inverse_tendon_force_length(f, s), force[:, m] / strength
         )
-        slope = on_arrays(lambda x, c=curves, s=shape: c.tendon_force_length_slope(x, s), stretch)
-        tendon = strength / slack * slope
+        tendon = (
+            strength
+            / slack
+            * on_arrays(slope(lambda x, c=curves, s=shape: c.tendon_force_length(x, s)), stretch)
+        )
         result[:, m] = along * tendon / np.where(along * tendon == 0, 1.0, along + tendon)
     return result
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import solve_qp_frame, unknowns
+from muscle_models.opensim_formulas import optimal_force
 from tiny_model import ask_opensim
 
 import scso_nlp as scso
@@ -116,7 +117,7 @@ def assert_capacity_is_opensims(trajectory, muscles):
             trajectory.muscle_tendon_velocity[:, where],
         )
         capacity = on_arrays(
-            lambda x, v, columns=columns: columns.curves.opensim_optimal_force(columns, x, v),
+            lambda x, v, columns=columns: optimal_force(columns, x, v),
             length,
             velocity,
         )
