@@ -1,7 +1,7 @@
 """What every muscle curve needs: evaluation on arrays, selection, and the checks of its parameters.
 
-The curves themselves stand in one file per OpenSim class. They are plain functions that accept
-float, DM, SX and MX, elementwise; a parameter may be a number or a column with one entry per muscle.
+The curves themselves stand in one file per OpenSim class (contract: :class:`hill_muscle.HillCurves`). They
+accept float, DM, SX and MX, elementwise; a parameter may be a number or a column with one entry per muscle.
 """
 
 from __future__ import annotations
