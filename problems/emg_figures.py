@@ -261,7 +261,7 @@ def _largest_reserve(solution: Solution) -> str:
         return "none"
     size = np.abs(np.where(solution.is_solved[:, None], solution.actuator_force, 0.0))
     frame, actuator = np.unravel_index(int(size.argmax()), size.shape)
-    return f"{size[frame, actuator]:.1f} ({solution.problem.trajectory.actuators[actuator]})"
+    return f"{size[frame, actuator]:.1f} ({solution.problem.motion.trajectory.actuators[actuator]})"
 
 
 def _missed(solution: Solution) -> str:

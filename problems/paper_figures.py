@@ -105,7 +105,7 @@ class Tasks:
 
     def group(self, method: str, start: str, sides: Sequence[str] = ("_R", "_L")) -> FloatArray:
         """Mean activation of a group on the sides named, shape (n_tasks, n_sides) [%]."""
-        muscles = self.problem.trajectory.muscles
+        muscles = self.problem.motion.trajectory.muscles
         columns = [
             [m for m, name in enumerate(muscles) if name.startswith(start) and name.endswith(side)]
             for side in sides
@@ -301,7 +301,7 @@ def critical_gain(problem: MuscleForceProblem, low: float = 0.5, high: float = 4
     """
     force = solve_framewise(problem.without_stability()).tendon_force
     term = next(term for term in problem.constraints if isinstance(term, JointStability))
-    rows = term.stability_rows(problem)
+    rows = term.stability_rows(problem.motion)
     stiffness = np.einsum("krm,km->kr", rows.moment_arms**2, force / rows.path_length)
     missing = rows.external_work - np.einsum("krm,km->kr", rows.curvature, force)
     needed = np.divide(missing, stiffness, out=np.full_like(missing, -np.inf), where=stiffness > 0)
@@ -321,7 +321,7 @@ def smallest_eigenvalues(simulation: Tasks) -> dict[str, FloatArray]:
         By method; SO with the stiffness of q = 5.
     """
     setup = example_folder(simulation.example) / "setup.xml"
-    trajectory, _, _ = load_motion(setup, curvature_coordinates="all", cache=motion_cache())
+    trajectory = load_motion(setup, curvature_coordinates="all", cache=motion_cache()).trajectory
     terms = hessian_terms(trajectory)
     found = {}
     for method, q in METHODS.items():
@@ -375,7 +375,7 @@ def _write_tables(
         for simulation in simulations
         for method, solution in simulation.solutions.items()
         for task, values in zip(simulation.tasks, solution.activation, strict=True)
-        for muscle, value in zip(simulation.problem.trajectory.muscles, values, strict=True)
+        for muscle, value in zip(simulation.problem.motion.trajectory.muscles, values, strict=True)
     ]
     header = ("simulation", "task", "method", "muscle", "activation [-]")
     write_table(folder / "activations.csv", header, activations)
@@ -498,7 +498,7 @@ def height_figure(simulation: Tasks) -> Figure:
 
 
 def _sweep_figure(simulation: Tasks, points: Sequence[SweepPoint]) -> Figure:
-    muscles, time = simulation.problem.trajectory.muscles, simulation.problem.trajectory.time
+    muscles, time = simulation.problem.motion.trajectory.muscles, simulation.problem.motion.trajectory.time
     activations = {"SO": simulation.solutions["SO"].activation}
     activations |= {f"q = {point.q:g}": point.activation for point in points}
     results = [
@@ -521,7 +521,7 @@ def _sweep_figure(simulation: Tasks, points: Sequence[SweepPoint]) -> Figure:
 
 
 def _lines(simulation: Tasks) -> Figure:
-    skeleton = simulation.problem.trajectory.skeleton
+    skeleton = simulation.problem.motion.trajectory.skeleton
     assert skeleton is not None  # OpenSim's engine gives one
     frames = (0, 2, 4)
     return plot_muscle_lines(

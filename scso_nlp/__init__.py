@@ -28,8 +28,10 @@ if TYPE_CHECKING:
         ProblemError,
         ScsoError,
     )
+    from scso_nlp.frame import Frame, MatrixRows, MuscleState, Rows, VariableSpec
     from scso_nlp.io.bundle import load_bundle, save_bundle
-    from scso_nlp.io.results import write_solution
+    from scso_nlp.methods import stability_constrained_static_optimization, static_optimization
+    from scso_nlp.motion import Motion
     from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
     from scso_nlp.muscle_models.stiffness_law import (
         FiberStiffness,
@@ -40,20 +42,36 @@ if TYPE_CHECKING:
     from scso_nlp.muscles import ActuatorParameters, MuscleParameters
     from scso_nlp.objectives import ActivationEffort, FrameObjective, FramePairObjective, FunctionObjective
     from scso_nlp.opensim.engine import load_motion
-    from scso_nlp.problem import (
-        MuscleForceProblem,
-        stability_constrained_static_optimization,
-        static_optimization,
+    from scso_nlp.problem import MuscleForceProblem
+    from scso_nlp.report.results import write_solution
+    from scso_nlp.solution import (
+        MatrixResult,
+        MomentBalance,
+        Optimality,
+        RowResult,
+        Shortfall,
+        Solution,
+        SolveFailed,
+        SolveReport,
+        StabilityMargin,
+        Status,
     )
-    from scso_nlp.solution import RowResult, Shortfall, Solution, SolveFailed, SolveReport, Status
-    from scso_nlp.solve import solve_framewise, solve_trajectory
+    from scso_nlp.solve import SolverOptions, observe, solve_framewise, solve_trajectory
     from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
     from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
-    from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
-    from scso_nlp.transcription.ipopt import SolverOptions
+    from scso_nlp.transcription.build import Program, build_program
 
 #: Where each public name is defined.
 _HOME = {
+    "MatrixRows": "frame",
+    "MatrixResult": "solution",
+    "MomentBalance": "solution",
+    "Motion": "motion",
+    "Optimality": "solution",
+    "Program": "transcription.build",
+    "StabilityMargin": "solution",
+    "build_program": "transcription.build",
+    "observe": "solve",
     "ActivationDynamics": "constraints",
     "ActivationEffort": "objectives",
     "ActivationRate": "constraints",
@@ -66,7 +84,7 @@ _HOME = {
     "EngineError": "exceptions",
     "FiberStiffness": "muscle_models.stiffness_law",
     "FileFormatError": "exceptions",
-    "Frame": "transcription.frame",
+    "Frame": "frame",
     "FrameConstraint": "constraints",
     "FrameObjective": "objectives",
     "FramePairConstraint": "constraints",
@@ -80,14 +98,14 @@ _HOME = {
     "MuscleForceProblem": "problem",
     "MuscleModel": "muscle_models",
     "MuscleParameters": "muscles",
-    "MuscleState": "transcription.frame",
+    "MuscleState": "frame",
     "NameMismatchError": "exceptions",
     "NoPhysiology": "muscle_models",
     "ProblemError": "exceptions",
     "ProportionalStiffness": "muscle_models.stiffness_law",
     "RigidTendon": "muscle_models",
     "RowResult": "solution",
-    "Rows": "transcription.frame",
+    "Rows": "frame",
     "ScsoError": "exceptions",
     "ShortRangeStiffness": "muscle_models.stiffness_law",
     "Shortfall": "solution",
@@ -95,19 +113,19 @@ _HOME = {
     "Solution": "solution",
     "SolveFailed": "solution",
     "SolveReport": "solution",
-    "SolverOptions": "transcription.ipopt",
+    "SolverOptions": "solve",
     "Status": "solution",
     "StiffnessLaw": "muscle_models.stiffness_law",
-    "VariableSpec": "transcription.frame",
+    "VariableSpec": "frame",
     "load_bundle": "io.bundle",
     "load_motion": "opensim.engine",
     "lumbar_passive_stiffness": "stability.passive",
     "save_bundle": "io.bundle",
     "solve_framewise": "solve",
     "solve_trajectory": "solve",
-    "stability_constrained_static_optimization": "problem",
-    "static_optimization": "problem",
-    "write_solution": "io.results",
+    "stability_constrained_static_optimization": "methods",
+    "static_optimization": "methods",
+    "write_solution": "report.results",
 }
 
 __all__ = sorted(_HOME)

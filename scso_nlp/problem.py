@@ -1,24 +1,22 @@
-"""The problem as data: one motion, its muscles, a muscle model, objectives and constraints."""
+"""The problem as data: one motion, a muscle model, objectives and constraints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
-from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.frame import Term
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
-from scso_nlp.muscle_models.rigid_tendon import RigidTendon
-from scso_nlp.muscles import ActuatorParameters, MuscleParameters
-from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.objectives.function_objective import FunctionObjective
 from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
-from scso_nlp.trajectory import MotionTrajectory, time_text
+from scso_nlp.trajectory import time_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,43 +29,42 @@ class MuscleForceProblem:
 
     Attributes
     ----------
-    trajectory : MotionTrajectory
-    muscles : MuscleParameters
-        Same names in the same order as the trajectory's.
-    actuators : ActuatorParameters
-        Likewise.
+    motion : Motion
     muscle_model : MuscleModel
     objectives : tuple of FrameObjective, FramePairObjective or functions of a frame
         A function becomes a :class:`FunctionObjective`.
     constraints : tuple of FrameConstraint or FramePairConstraint
+    observed : tuple of FrameConstraint
+        Constraints without unknowns of their own whose rows are evaluated at the solution, but need not be
+        kept. One that bears the name of a constraint that is kept gives way to it.
 
     Raises
     ------
-    NameMismatchError
-        Muscles or actuators differ from the trajectory's.
     ProblemError
-        No objective, or two terms of one name.
+        No objective, two terms of one name, or something that is no term.
     """
 
-    trajectory: MotionTrajectory
-    muscles: MuscleParameters
-    actuators: ActuatorParameters = field(default_factory=ActuatorParameters)
+    motion: Motion
     muscle_model: MuscleModel
     objectives: tuple[FrameObjective | FramePairObjective, ...]
     constraints: tuple[FrameConstraint | FramePairConstraint, ...] = (MomentEquilibrium(),)
+    observed: tuple[FrameConstraint, ...] = ()
 
     def __post_init__(self) -> None:
-        _same_names("muscles", self.trajectory.muscles, self.muscles.muscles)
-        _same_names("actuators", self.trajectory.actuators, self.actuators.actuators)
         set_field = object.__setattr__
         set_field(self, "objectives", tuple(_as_objective(term) for term in self.objectives))
         set_field(self, "constraints", tuple(self.constraints))
+        kept = {getattr(term, "name", None) for term in self.constraints}
+        set_field(self, "observed", tuple(t for t in self.observed if getattr(t, "name", None) not in kept))
         if not self.objectives:
             raise ProblemError("the problem has no objective, expected at least one, e.g. ActivationEffort()")
         for term in self.constraints:
             if not isinstance(term, FrameConstraint | FramePairConstraint):
                 raise ProblemError(f"{term!r} is neither a FrameConstraint nor a FramePairConstraint")
-        names = [term.name for term in (self.muscle_model, *self.objectives, *self.constraints)]
+        for term in self.observed:
+            if not isinstance(term, FrameConstraint):
+                raise ProblemError(f"{term!r} cannot be observed, expected a FrameConstraint")
+        names = [term.name for term in self.terms]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ProblemError(
@@ -75,17 +72,23 @@ class MuscleForceProblem:
             )
 
     @property
+    def terms(self) -> tuple[Term, ...]:
+        """Muscle model, objectives, constraints and observed constraints, in this order."""
+        return (self.muscle_model, *self.objectives, *self.constraints, *self.observed)
+
+    @property
     def coupled_terms(self) -> tuple[str, ...]:
         """Names of the terms that couple frames."""
-        return tuple(
-            term.name
-            for term in (*self.objectives, *self.constraints)
-            if isinstance(term, FramePairObjective | FramePairConstraint)
-        )
+        return tuple(t.name for t in self.terms if isinstance(t, FramePairObjective | FramePairConstraint))
+
+    @property
+    def stability_terms(self) -> tuple[StabilityConstraint, ...]:
+        """Stability constraints, kept or observed."""
+        return tuple(t for t in self.terms if isinstance(t, StabilityConstraint))
 
     def frames(self, start: int | Iterable[int], stop: int | None = None) -> MuscleForceProblem:
         """Keep some frames, as :meth:`MotionTrajectory.frames`."""
-        return replace(self, trajectory=self.trajectory.frames(start, stop))
+        return replace(self, motion=self.motion.frames(start, stop))
 
     def without_coupling(self) -> MuscleForceProblem:
         """Drop the terms that couple frames, explicitly."""
@@ -96,100 +99,27 @@ class MuscleForceProblem:
         )
 
     def without_stability(self) -> MuscleForceProblem:
-        """Drop the stability rows: plain static optimization of the same motion."""
-        return replace(
-            self, constraints=tuple(t for t in self.constraints if not isinstance(t, StabilityConstraint))
-        )
+        """Only observe the stability rows: plain static optimization of the same motion."""
+        kept = tuple(t for t in self.constraints if not isinstance(t, StabilityConstraint))
+        left = tuple(t for t in self.constraints if isinstance(t, StabilityConstraint))
+        return replace(self, constraints=kept, observed=(*left, *self.observed))
 
     def __str__(self) -> str:
-        trajectory = self.trajectory
+        trajectory, muscles, actuators = self.motion.trajectory, self.motion.muscles, self.motion.actuators
         span = f"{time_text(trajectory.time[0])} to {time_text(trajectory.time[-1])} s"
         lines = [
-            f"{trajectory.name}: {trajectory.n_frames} frames from {span}, {self.muscles.n_muscles} muscles, "
-            f"{len(trajectory.actuators)} actuators, {len(trajectory.coordinates)} free coordinates",
-            f"  unknowns    a ({self.muscles.n_muscles}), c ({self.actuators.n_actuators}) in every frame",
+            f"{trajectory.name}: {trajectory.n_frames} frames from {span}, {muscles.n_muscles} muscles, "
+            f"{actuators.n_actuators} actuators, {len(trajectory.coordinates)} free coordinates",
+            f"  unknowns    a ({muscles.n_muscles}), c ({actuators.n_actuators}) in every frame",
             f"  forces      {self.muscle_model!r}",
         ]
         lines += [f"  minimise    {term!r}" for term in self.objectives]
         lines += [f"  subject to  {term!r}" for term in self.constraints]
-        muscles = self.muscles
+        lines += [f"  observed    {term!r}" for term in self.observed]
         if muscles.n_muscles:
             low, high = float(np.min(muscles.min_activation)), float(np.max(muscles.max_activation))
             lines.append(f"  bounds      {low:g} <= a <= {high:g}, controls as in the model")
         return "\n".join(lines)
-
-
-def static_optimization(
-    trajectory: MotionTrajectory,
-    muscles: MuscleParameters,
-    actuators: ActuatorParameters | None = None,
-    *,
-    muscle_model: MuscleModel | None = None,
-    exponent: float = 2.0,
-) -> MuscleForceProblem:
-    """Describe static optimization as OpenSim defines it.
-
-    Parameters
-    ----------
-    trajectory : MotionTrajectory
-    muscles : MuscleParameters
-    actuators : ActuatorParameters, optional
-    muscle_model : MuscleModel, optional
-        ``RigidTendon(convention="opensim")`` by default.
-    exponent : float [-]
-        Power of the activations.
-
-    Returns
-    -------
-    MuscleForceProblem
-
-    References
-    ----------
-    Crowninshield and Brand (1981), J Biomech 14:793-801.
-    """
-    return MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscles,
-        actuators=actuators or ActuatorParameters(),
-        muscle_model=muscle_model or RigidTendon(),
-        objectives=(ActivationEffort(exponent=exponent),),
-        constraints=(MomentEquilibrium(),),
-    )
-
-
-def stability_constrained_static_optimization(
-    trajectory: MotionTrajectory,
-    muscles: MuscleParameters,
-    actuators: ActuatorParameters | None = None,
-    *,
-    stability: JointStability | None = None,
-    muscle_model: MuscleModel | None = None,
-    exponent: float = 2.0,
-) -> MuscleForceProblem:
-    """Describe the paper's method: static optimization with stability rows.
-
-    Parameters
-    ----------
-    trajectory : MotionTrajectory
-    muscles : MuscleParameters
-    actuators : ActuatorParameters, optional
-    stability : JointStability, optional
-        The paper's q = 5 and level 0 about all axes of all joints by default.
-    muscle_model : MuscleModel, optional
-        ``RigidTendon(convention="opensim")`` by default.
-    exponent : float [-]
-        Power of the activations.
-
-    Returns
-    -------
-    MuscleForceProblem
-
-    References
-    ----------
-    Akhavanfar et al. (2019), J Biomech, doi 10.1016/j.jbiomech.2019.05.007.
-    """
-    plain = static_optimization(trajectory, muscles, actuators, muscle_model=muscle_model, exponent=exponent)
-    return replace(plain, constraints=(*plain.constraints, stability or JointStability()))
 
 
 def _as_objective(term: object) -> FrameObjective | FramePairObjective:
@@ -198,16 +128,3 @@ def _as_objective(term: object) -> FrameObjective | FramePairObjective:
     if callable(term):
         return FunctionObjective(function=term)
     raise ProblemError(f"{term!r} is no objective, expected a FrameObjective or a function of a frame")
-
-
-def _same_names(kind: str, expected: tuple[str, ...], found: tuple[str, ...]) -> None:
-    if expected == found:
-        return
-    missing = [name for name in expected if name not in found]
-    extra = [name for name in found if name not in expected]
-    if missing or extra:
-        raise NameMismatchError(
-            f"{kind} of the trajectory and of the parameters differ: "
-            f"missing {missing or 'none'}, extra {extra or 'none'}"
-        )
-    raise NameMismatchError(f"{kind} of the trajectory and of the parameters are in different order")

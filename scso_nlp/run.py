@@ -9,14 +9,14 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
-from scso_nlp.io.results import RunRecord, write_solution
+from scso_nlp.methods import static_optimization
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
 from scso_nlp.objectives import ActivationEffort
-from scso_nlp.opensim.engine import Motion, input_hashes, load_motion
-from scso_nlp.problem import MuscleForceProblem, static_optimization
+from scso_nlp.opensim.engine import input_hashes, load_motion
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.report.results import RunRecord, write_solution
 from scso_nlp.settings import OutputSettings, RunSettings
 from scso_nlp.solution import Solution
 from scso_nlp.solve import solve_framewise, solve_trajectory
@@ -93,7 +93,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
             "solver": settings.solver,
         },
         seconds=seconds,
-        notes=_notes(problem, settings),
+        notes=() if settings.stability is None else settings.stability.notes(motion),
     )
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=record)
 
@@ -104,7 +104,7 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     Parameters
     ----------
     settings : RunSettings
-    motion : tuple of MotionTrajectory, MuscleParameters, ActuatorParameters
+    motion : Motion
 
     Returns
     -------
@@ -117,7 +117,7 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
         "none": NoPhysiology(),
     }
     problem = static_optimization(
-        *motion, muscle_model=models[settings.muscle_model], exponent=settings.exponent
+        motion, muscle_model=models[settings.muscle_model], exponent=settings.exponent
     )
     if settings.weights is not None:
         effort = ActivationEffort(exponent=settings.exponent, weights=settings.weights)
@@ -146,7 +146,7 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         Files that cannot be written.
     """
     output = output or OutputSettings()
-    folder = output.folder or Path("scso_results") / result.solution.problem.trajectory.name
+    folder = output.folder or Path("scso_results") / result.solution.problem.motion.name
     return write_solution(
         result.solution,
         folder,
@@ -170,26 +170,10 @@ def _load(settings: RunSettings, output: OutputSettings) -> Motion:
     joints = stability.joints
     if joints is None:
         # the names of the joints, from the first and last frame
-        skeleton = load(step_interval=sys.maxsize)[0].skeleton
+        skeleton = load(step_interval=sys.maxsize).trajectory.skeleton
         joints = skeleton.joints if skeleton is not None else ()
     return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 
 def _hashes(paths: tuple[Path, ...]) -> dict[str, str]:
     return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
-
-
-def _notes(problem: MuscleForceProblem, settings: RunSettings) -> tuple[str, ...]:
-    if settings.stability is None:
-        return ()
-    one_frame = problem.frames(0, 1)
-    notes = settings.stability.stability_rows(one_frame).notes
-    curvature = problem.trajectory.curvature
-    if curvature is None:
-        return notes
-    frames = curvature.is_uncertain.any(axis=1)
-    if frames.any():
-        muscles = np.flatnonzero(curvature.is_uncertain.any(axis=0))
-        names = ", ".join(problem.trajectory.muscles[m] for m in muscles)
-        notes += (f"path curvature is uncertain in {frames.sum()} frames, where paths change: {names}",)
-    return (f"stability over the coordinates {', '.join(curvature.coordinates)}", *notes)

@@ -24,8 +24,8 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ShortRangeStiffness, StiffnessLaw
 from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, read_analyze_setup, with_changes
+from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
-from scso_nlp.transcription.ipopt import SolverOptions
 from scso_nlp.validation import unique_names
 
 #: Stability constraints by what the settings call them.

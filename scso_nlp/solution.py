@@ -1,10 +1,13 @@
-"""What a solve gives back: arrays, a status per frame, rows with margins and multipliers, a report."""
+"""What a solve gives back: arrays, a status per frame, rows with margins and multipliers, a report.
+
+Data only: :mod:`scso_nlp.solve.judge` is the one place where they are made of a solver's unknowns.
+"""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +15,14 @@ from scso_nlp.exceptions import ScsoError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
+
+#: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
+ACTIVE_MARGIN = 1e-3
+#: Name of the row that stands for all combined turns.
+SMALLEST_EIGENVALUE = "smallest_eigenvalue"
+
+#: A coordinate whose required moment stays below this has no share [N·m or N].
+NEGLIGIBLE_MOMENT = 1e-9
 
 
 class Status(enum.Enum):
@@ -45,10 +56,14 @@ class RowResult:
     value : ndarray, shape (n_frames, n_rows) [unit]
         Rows of a pair of frames stand at the later frame; NaN at the first.
     lower, upper : ndarray, shape (n_rows,) [unit]
+    missed : ndarray, shape (n_frames, n_rows) [unit]
+        By how much `value` was allowed to fall below `lower`, at a price; zero where the row is hard.
     multiplier : ndarray, shape (n_frames, n_rows) [1/unit]
         Increase of the optimal objective per unit by which the row's active bound is tightened
         (for an equation: per unit of increase of its value); 0 where the row is inactive, NaN where
         the solver gives none.
+    is_observed : bool
+        True if the rows were only evaluated and need not be kept.
     """
 
     names: tuple[str, ...]
@@ -56,7 +71,85 @@ class RowResult:
     value: FloatArray
     lower: FloatArray
     upper: FloatArray
+    missed: FloatArray
     multiplier: FloatArray
+    is_observed: bool = False
+
+    @property
+    def violation(self) -> FloatArray:
+        """How far each row is outside its bounds beyond what it may miss, shape (n_frames, n_rows) [unit]."""
+        below = self.lower - self.missed - self.value
+        return np.maximum(np.maximum(below, self.value - self.upper), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixResult:
+    r"""A matrix inequality at the solution: :math:`H - \operatorname{diag}(\text{lower}) \succeq 0`.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What the n directions are called.
+    unit : str
+    value : ndarray, shape (n_frames, n, n) [unit]
+        H; NaN in frames without an iterate.
+    lower : ndarray, shape (n,) [unit]
+    missed : ndarray, shape (n_frames,) [unit]
+        By how much the smallest eigenvalue was allowed to be negative, at a price.
+    smallest_eigenvalue : ndarray, shape (n_frames,) [unit]
+        Of H minus its levels.
+    mode : ndarray, shape (n_frames, n) [-]
+        The turn that belongs to it, of unit length, its largest entry positive.
+    multiplier : ndarray, shape (n_frames, n, n) [1/unit]
+        Symmetric and positive semi-definite: the objective rises by its inner product with what the levels
+        rise by; NaN where the solver gives none.
+    is_observed : bool
+        True if the matrix was only evaluated.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    value: FloatArray
+    lower: FloatArray
+    missed: FloatArray
+    smallest_eigenvalue: FloatArray
+    mode: FloatArray
+    multiplier: FloatArray
+    is_observed: bool = False
+
+    @property
+    def violation(self) -> FloatArray:
+        """How far the smallest eigenvalue is below what it may be, shape (n_frames,) [unit]."""
+        return np.maximum(-self.smallest_eigenvalue - self.missed, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimality:
+    r"""How well a solution meets the conditions of an optimum, frame by frame, recomputed from its arrays.
+
+    With the Lagrangian's gradient r, a bound takes up the part of r that points against it; its multiplier
+    is that part.
+
+    Attributes
+    ----------
+    stationarity : ndarray, shape (n_frames,) [-]
+        Largest entry of r that no bound takes up, over the largest entry of the objective's gradient.
+    complementarity : ndarray, shape (n_frames,) [-]
+        Largest product of a multiplier and the distance to its bound, over the objective's size
+        :math:`\sum_i |x_i\, \partial f/\partial x_i|`.
+    duality_gap : ndarray, shape (n_frames,) [-]
+        Sum of these products likewise: for a convex objective no point that keeps all rows costs less by
+        more; NaN where some row is not affine.
+
+    Notes
+    -----
+    NaN in frames that are not solved. In scaled unknowns and rows. Frames that terms couple share their
+    neighbours' multipliers.
+    """
+
+    stationarity: FloatArray
+    complementarity: FloatArray
+    duality_gap: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +190,85 @@ class Shortfall:
             stiffer = " or stiffer (larger q)" if self.unit == "N·m/rad" else ""
             remedy = f"would help if they were stronger{stiffer}"
         return short + (f"; {remedy}: {', '.join(self.helpers)}" if self.helpers else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityMargin:
+    """Stability rows of one solution.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        ``"<joint>_<axis>"``, or what the constraint calls them. For the whole Hessian: its coordinates, and
+        ``"smallest_eigenvalue"`` of the Hessian minus levels.
+    stability : ndarray, shape (n_frames, n_rows) [N·m/rad]
+        NaN in frames that are not solved.
+    level : ndarray, shape (n_rows,) [N·m/rad]
+    multiplier : ndarray, shape (n_frames, n_rows) [rad/(N·m)]
+        Cost in the objective per N·m/rad of extra stability; NaN where the solver gives none.
+    mode_coordinates : tuple of str
+        Coordinates of `mode`; empty unless there is a constraint on the whole Hessian.
+    mode : ndarray, shape (n_frames, n_mode_coordinates) [-]
+        Unit vector of the combined turn that is least stable; NaN in frames that are not solved.
+    """
+
+    rows: tuple[str, ...]
+    stability: FloatArray
+    level: FloatArray
+    multiplier: FloatArray
+    mode_coordinates: tuple[str, ...] = ()
+    mode: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def margin(self) -> FloatArray:
+        """Stability minus level, shape (n_frames, n_rows) [N·m/rad]; negative where the row is not kept."""
+        return self.stability - self.level
+
+    @property
+    def is_active(self) -> BoolArray:
+        """Tell where a row keeps no more than its level, shape (n_frames, n_rows)."""
+        margin = self.margin
+        return np.isfinite(margin) & (np.abs(margin) <= ACTIVE_MARGIN)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MomentBalance:
+    """Required, muscle and actuator moment of every coordinate.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+    unit : tuple of str
+        ``"N·m"`` or ``"N"``, one per coordinate.
+    required : ndarray, shape (n_frames, n_coordinates) [N·m or N]
+        What muscles and actuators together must produce.
+    muscles, actuators : ndarray, shape (n_frames, n_coordinates) [N·m or N]
+        What they produce; NaN in frames that are not solved.
+    """
+
+    coordinates: tuple[str, ...]
+    unit: tuple[str, ...]
+    required: FloatArray
+    muscles: FloatArray
+    actuators: FloatArray
+
+    @property
+    def actuator_share(self) -> FloatArray:
+        """Root mean square of the actuators' moment over that of the required one.
+
+        Returns
+        -------
+        ndarray, shape (n_coordinates,) [-]
+            Over the solved frames; NaN where nothing is required or no frame is solved.
+        """
+        solved = np.isfinite(self.muscles).all(axis=1)
+        if not solved.any():
+            return np.full(len(self.coordinates), np.nan)
+        required = np.sqrt(np.mean(self.required[solved] ** 2, axis=0))
+        actuators = np.sqrt(np.mean(self.actuators[solved] ** 2, axis=0))
+        share = np.full(required.shape, np.nan)
+        np.divide(actuators, required, out=share, where=required > NEGLIGIBLE_MOMENT)
+        return share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,6 +319,12 @@ class Solution:
         What constraints report, by ``"<term>.<name>"``, e.g. ``"JointStability.muscle_stiffness"`` [N/m].
     rows : mapping of str to RowResult
         By constraint name.
+    matrices : mapping of str to MatrixResult
+        Likewise.
+    stability : StabilityMargin or None
+        Rows and matrices of all stability constraints, kept or observed; None if there are none.
+    moment_balance : MomentBalance
+    optimality : Optimality
     objective_terms : mapping of str to float
         Weighted sum over the solved frames, by objective name; they sum to `objective`.
     violation : mapping of str to float
@@ -166,10 +344,22 @@ class Solution:
     variables: Mapping[str, FloatArray]
     quantities: Mapping[str, FloatArray]
     rows: Mapping[str, RowResult]
+    matrices: Mapping[str, MatrixResult]
+    stability: StabilityMargin | None
+    moment_balance: MomentBalance
+    optimality: Optimality
     objective_terms: Mapping[str, float]
     violation: Mapping[str, float]
     shortfalls: tuple[Shortfall, ...]
     report: SolveReport
+
+    @property
+    def kept(self) -> dict[str, RowResult | MatrixResult]:
+        """Rows and matrices of the constraints that had to be kept, by name."""
+        return {
+            **{name: rows for name, rows in self.rows.items() if not rows.is_observed},
+            **{name: matrix for name, matrix in self.matrices.items() if not matrix.is_observed},
+        }
 
     @property
     def objective(self) -> float:
@@ -193,7 +383,7 @@ class Solution:
         n_frames = len(self.frame_status)
         if not failed:
             return f"all {n_frames} frames solved, objective {self.objective:.6g}"
-        time = self.problem.trajectory.time
+        time = self.problem.motion.trajectory.time
         times = ", ".join(time_text(time[k]) for k in failed[:5]) + (", …" if len(failed) > 5 else "")
         kinds = sorted({self.frame_status[k].name.lower().replace("_", " ") for k in failed})
         text = f"{len(failed)} of {n_frames} frames failed ({', '.join(kinds)}): t = {times} s"

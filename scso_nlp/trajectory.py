@@ -286,8 +286,9 @@ class MotionTrajectory:
         set_field(self, "time", time)
         if time.size == 0:
             raise DataError(f"the motion {self.name!r} has no frame, expected at least one")
-        if (np.diff(time) <= 0).any():
-            late = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
+        back = np.flatnonzero(time[1:] <= time[:-1])
+        if back.size:
+            late = int(back[0]) + 1
             raise DataError(
                 f"time is not increasing at frame {late}: {time[late]:g} s after {time[late - 1]:g} s"
             )

@@ -94,3 +94,17 @@ def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> Int
         hint = f"closest: {', '.join(close)}" if close else f"available: {', '.join(list(available)[:12])}"
         raise NameMismatchError(f"unknown {kind} {', '.join(repr(name) for name in missing)} ({hint})")
     return np.array([table[name] for name in wanted], dtype=np.int64)
+
+
+def same_names(kind: str, expected: tuple[str, ...], found: tuple[str, ...]) -> None:
+    """Raise :class:`NameMismatchError` if the parameters' names are not the trajectory's, in its order."""
+    if expected == found:
+        return
+    missing = [name for name in expected if name not in found]
+    extra = [name for name in found if name not in expected]
+    if missing or extra:
+        raise NameMismatchError(
+            f"{kind} of the trajectory and of the parameters differ: "
+            f"missing {missing or 'none'}, extra {extra or 'none'}"
+        )
+    raise NameMismatchError(f"{kind} of the trajectory and of the parameters are in different order")

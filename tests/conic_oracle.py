@@ -7,11 +7,10 @@ import dataclasses
 import clarabel
 import numpy as np
 import scipy.sparse as sp
-from helpers import motion, muscle_parameters
 
 import scso_nlp as scso
+from problems.random_hessian import problem as random_hessian
 from scso_nlp.constraints import HessianStability
-from scso_nlp.trajectory import CoordinateCurvature
 
 #: Clarabel sees matrices divided by this [N·m/rad]; it stops at residuals of 1e-10 of what it sees.
 SCALE = 100.0
@@ -20,49 +19,10 @@ SCALE = 100.0
 def hessian_problem(
     rng, *, n_coordinates=4, n_muscles=16, n_frames=4, exponent=2.0, reserve=None, stability=None
 ):
-    """A random motion whose loads topple it unless muscles stiffen it, in every direction.
-
-    Random activations between 0.1 and 0.5 solve it, with eigenvalues of 1 to 20 N·m/rad to spare.
-    """
-    n, m, q = n_coordinates, n_muscles, 5.0
-    phase = np.linspace(0, 1, n_frames)
-    arms = rng.normal(0, 0.04, (n, m)) + rng.normal(0, 0.01, (n, m)) * np.sin(6 * phase)[:, None, None]
-    curvature = rng.normal(0, 0.03, (n, n, m))
-    curvature = (curvature + curvature.transpose(1, 0, 2)) / 2
-    curvature = curvature * (1 + 0.2 * np.cos(6 * phase))[:, None, None, None]
-    strength = rng.uniform(300, 1500, m)
-    force = strength * rng.uniform(0.1, 0.5, (n_frames, m))
-    moments = np.einsum("kcm,km->kc", arms, force)
-    passive = np.diag(np.linspace(0.5, 2.0, n))
-    per_newton = curvature + q / 0.2 * arms[:, :, None] * arms[:, None]
-    basis = np.linalg.qr(rng.normal(size=(n_frames, n, n)))[0]
-    spare = (basis * rng.uniform(1.0, 20.0, (n_frames, 1, n))) @ basis.transpose(0, 2, 1)
-    load = spare - passive - np.einsum("kijm,km->kij", per_newton, force)
-    trajectory = motion(
-        arms, moments, actuator_columns=None if reserve is None else reserve * np.eye(n), length=0.2
-    )
-    trajectory = dataclasses.replace(
-        trajectory,
-        curvature=CoordinateCurvature(
-            coordinates=trajectory.coordinates,
-            path_curvature=curvature,
-            load_stiffness=(load + load.transpose(0, 2, 1)) / 2,
-            passive_stiffness=np.broadcast_to(passive, (n_frames, n, n)),
-            asymmetry=np.zeros((n_frames, m)),
-            is_uncertain=np.zeros((n_frames, m), dtype=bool),
-        ),
-    )
-    n_actuators = len(trajectory.actuators)
-    return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, strength),
-        actuators=scso.ActuatorParameters(
-            actuators=trajectory.actuators,
-            optimal_force=np.full(n_actuators, reserve or 0.0),
-            min_control=np.full(n_actuators, -np.inf),
-            max_control=np.full(n_actuators, np.inf),
-        ),
-        muscle_model=scso.NoPhysiology(),
+    """A random motion whose loads topple it in every direction, with an exponent and a rule of one's own."""
+    problem = random_hessian.make_problem(n_coordinates, n_muscles, n_frames, seed=rng, reserve=reserve)
+    return dataclasses.replace(
+        problem,
         objectives=(scso.ActivationEffort(exponent=exponent),),
         constraints=(scso.MomentEquilibrium(), stability or HessianStability()),
     )
@@ -70,7 +30,7 @@ def hessian_problem(
 
 def hessian_by_hand(problem, k, tendon_force, stiffness, *, passive=0.0):
     """H of one frame as the formula says it, muscle by muscle."""
-    trajectory, curvature = problem.trajectory, problem.trajectory.curvature
+    trajectory, curvature = problem.motion.trajectory, problem.motion.trajectory.curvature
     total = curvature.load_stiffness[k] + curvature.passive_stiffness[k] + passive
     for m in range(len(trajectory.muscles)):
         arm = trajectory.moment_arms[k, :, m]
@@ -81,7 +41,7 @@ def hessian_by_hand(problem, k, tendon_force, stiffness, *, passive=0.0):
 
 def smallest_eigenvalue(problem, k, tendon_force, q=5.0, level=0.0, passive=0.0):
     """Of H minus its levels in one frame, with stiffness proportional to force."""
-    stiffness = q * tendon_force / problem.trajectory.muscle_tendon_length[k]
+    stiffness = q * tendon_force / problem.motion.trajectory.muscle_tendon_length[k]
     hessian = hessian_by_hand(problem, k, tendon_force, stiffness, passive=passive)
     n = len(hessian)
     return np.linalg.eigvalsh(hessian - np.broadcast_to(level, n) * np.eye(n))[0]
@@ -92,7 +52,11 @@ def solve_full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0, soft=None):
 
     Returns (x, objective, missed) with x = (activations, controls), or None where there is no solution.
     """
-    trajectory, muscles, actuators = problem.trajectory, problem.muscles, problem.actuators
+    trajectory, muscles, actuators = (
+        problem.motion.trajectory,
+        problem.motion.muscles,
+        problem.motion.actuators,
+    )
     strength, m, n_controls = muscles.max_isometric_force, muscles.n_muscles, actuators.n_actuators
     n, size = m + n_controls, len(trajectory.coordinates)
     zero = np.zeros(m)

@@ -37,12 +37,12 @@ class RateLimit(scso.FramePairConstraint):
 
     fastest: float = 1.0
 
-    def rows(self, previous, current, dt, problem):
+    def rows(self, previous, current, dt, motion):
         return scso.Rows(
             value=(current.activation - previous.activation) / dt,
             lower=-self.fastest,
             upper=self.fastest,
-            names=problem.muscles.muscles,
+            names=motion.muscles.muscles,
             unit="1/s",
             scale=2.0,
         )
@@ -54,7 +54,7 @@ class CappedEffort(scso.FrameConstraint):
 
     most: float = 1.0
 
-    def rows(self, frame, problem):
+    def rows(self, frame, motion):
         return scso.Rows(
             value=ca.vertcat(ca.sumsqr(frame.activation), frame.activation[0] * frame.activation[1]),
             lower=-np.inf,
@@ -69,7 +69,7 @@ class CappedEffort(scso.FrameConstraint):
 class CurvedPair(scso.FramePairConstraint):
     """A curved row of two frames."""
 
-    def rows(self, previous, current, dt, problem):
+    def rows(self, previous, current, dt, motion):
         return scso.Rows(
             value=previous.activation[0] * current.activation[1] / dt,
             lower=-np.inf,

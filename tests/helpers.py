@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 import scso_nlp as scso
-from scso_nlp.transcription.build import describe, evaluate
+from scso_nlp.transcription.describe import describe
+from scso_nlp.transcription.piece import evaluate
 
 
 def muscle_parameters(names, strength, *, lower=0.0, upper=1.0, optimal_fiber_length=0.1):
@@ -76,9 +77,11 @@ def elbow(moments, *, exponent=2.0, reserve=None):
             max_control=[np.inf],
         )
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, [1450.0, 1200.0, 1000.0]),
-        actuators=actuators,
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters(trajectory.muscles, [1450.0, 1200.0, 1000.0]),
+            actuators=actuators,
+        ),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(exponent=exponent),),
         constraints=(scso.MomentEquilibrium(),),
@@ -126,8 +129,7 @@ def two_antagonists(moment, *, exponent=2.0, q=5.0, level=0.0, external_work=30.
     )
     trajectory = motion([[[r, -r]]], [[moment]], skeleton=geometry, length=length)
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, strength),
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, strength)),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(exponent=exponent),),
         constraints=(
@@ -180,15 +182,17 @@ def random_problem(
     )
     n_actuators = len(trajectory.actuators)
     problem = scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(
-            trajectory.muscles, strength, optimal_fiber_length=rng.uniform(0.05, 0.15, n_muscles)
-        ),
-        actuators=scso.ActuatorParameters(
-            actuators=trajectory.actuators,
-            optimal_force=np.full(n_actuators, reserve or 0.0),
-            min_control=np.full(n_actuators, -np.inf),
-            max_control=np.full(n_actuators, np.inf),
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters(
+                trajectory.muscles, strength, optimal_fiber_length=rng.uniform(0.05, 0.15, n_muscles)
+            ),
+            actuators=scso.ActuatorParameters(
+                actuators=trajectory.actuators,
+                optimal_force=np.full(n_actuators, reserve or 0.0),
+                min_control=np.full(n_actuators, -np.inf),
+                max_control=np.full(n_actuators, np.inf),
+            ),
         ),
         muscle_model=model,
         objectives=(scso.ActivationEffort(exponent=exponent, weights=weights),),
@@ -213,12 +217,15 @@ def stability_by_hand(problem, q=5.0):
     Potvin and Brown's printed sums about x, y and z of ground with the joint at the origin:
     S_z = F [(AxBx + AyBy - r²)/l + q r²/L] with r_z = (Bx Ay - By Ax)/l, less -Fy hy - Fx hx of a load.
     """
-    points = problem.trajectory.skeleton.path_points
+    points = problem.motion.trajectory.skeleton.path_points
     a, b = points[:, :, 0], points[:, :, 1]
     length = np.sqrt(((a - b) ** 2).sum(axis=-1))
     stiffness = np.zeros((len(points), 3, points.shape[1]))
     work = np.zeros((len(points), 3))
-    load, at = problem.trajectory.skeleton.load_forces[:, 0], problem.trajectory.skeleton.load_points[:, 0]
+    load, at = (
+        problem.motion.trajectory.skeleton.load_forces[:, 0],
+        problem.motion.trajectory.skeleton.load_points[:, 0],
+    )
     for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         arm = (b[..., i] * a[..., j] - b[..., j] * a[..., i]) / length
         product = a[..., i] * b[..., i] + a[..., j] * b[..., j]
@@ -233,7 +240,11 @@ def frame_arrays(problem, k):
 
     Returns (weights, A, b, G, h, lower, upper) of: min sum w |x|^p, A x = b, G x >= h.
     """
-    trajectory, muscles, actuators = problem.trajectory, problem.muscles, problem.actuators
+    trajectory, muscles, actuators = (
+        problem.motion.trajectory,
+        problem.motion.muscles,
+        problem.motion.actuators,
+    )
     rigid = isinstance(problem.muscle_model, scso.RigidTendon)
     capacity = trajectory.active_force_capacity[k] if rigid else muscles.max_isometric_force
     a = np.hstack([trajectory.moment_arms[k] * capacity, trajectory.actuator_generalized_forces[k]])
@@ -379,7 +390,7 @@ def evaluate_terms(problem, activation, control=None, variables=None):
     Returns (objective values per frame by name, row values by name, tendon forces).
     """
     program = describe(problem)
-    n_frames = problem.trajectory.n_frames
+    n_frames = problem.motion.trajectory.n_frames
     parts = {("problem", "activation"): np.asarray(activation, dtype=float)}
     if control is not None:
         parts["problem", "control"] = np.asarray(control, dtype=float)
@@ -390,5 +401,5 @@ def evaluate_terms(problem, activation, control=None, variables=None):
         return evaluate(piece, piece.function(), x, program.arrays)[0]
 
     costs = {name: of(piece)[:, 0] for name, piece in program.objectives}
-    rows = {block.term: of(piece) for block, piece in zip(program.row_blocks, program.rows, strict=True)}
+    rows = {block.term: of(block.piece) for block in (*program.rows.blocks, *program.pair_rows.blocks)}
     return costs, rows, of(program.tendon_force)

@@ -101,8 +101,7 @@ def hinge_chain(rng, *, n_hinges=2, n_muscles=8, n_frames=3, level=0.0):
         ),
     )
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, strength),
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, strength)),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(),),
     )

@@ -3,13 +3,16 @@
 import numpy as np
 
 from scso_nlp.constraints import JointStability, MomentEquilibrium
+from scso_nlp.constraints.stability_constraint import STABILITY_SCALE
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models import NoPhysiology
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.objectives import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.solution import RowResult, Shortfall, Solution, SolveReport, Status
-from scso_nlp.stability import joint_stability, potvin_brown
+from scso_nlp.solution import Shortfall, SolveReport, Status
+from scso_nlp.solve.judge import Outcome, judge
 from scso_nlp.trajectory import MotionTrajectory, Skeleton
+from scso_nlp.transcription.describe import describe
 
 #: Moment arms of two antagonists about one axis [m].
 ARM = 0.05
@@ -104,21 +107,20 @@ def antagonists(n_frames=5, name="antagonists", n_pairs=1):
         min_control=-unlimited,
         max_control=unlimited,
     )
-    return trajectory, muscle_parameters(muscles), parameters
+    return Motion(trajectory=trajectory, muscles=muscle_parameters(muscles), actuators=parameters)
 
 
 def solution_by_hand(
     n_frames=5, *, failed=(), stability=True, name="antagonists", n_pairs=1, level=10.0, tonus=0.05
 ):
     """Muscles take nine tenths of the moment above a co-contraction of `tonus`; reserves the rest."""
-    trajectory, muscles, actuators = antagonists(n_frames, name, n_pairs)
+    motion = antagonists(n_frames, name, n_pairs)
+    trajectory = motion.trajectory
     constraints = (MomentEquilibrium(),)
     if stability:
         constraints += (JointStability(q=5.0, level=level, axes=("z",)),)
     problem = MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscles,
-        actuators=actuators,
+        motion=motion,
         muscle_model=NoPhysiology(),
         objectives=(ActivationEffort(exponent=2.0),),
         constraints=constraints,
@@ -129,73 +131,38 @@ def solution_by_hand(
     activation[:, 1::2] = tonus + np.maximum(share, 0)
     activation[:, 0::2] = tonus + np.maximum(-share, 0)
     control = 0.1 * moments / OPTIMAL_FORCE
-    force = STRENGTH * activation
-    residual = (
-        np.einsum("kcm,km->kc", trajectory.moment_arms, force)
-        + np.einsum("kca,ka->kc", trajectory.actuator_generalized_forces, control)
-        - moments
-    )
-    rows = {
-        "MomentEquilibrium": RowResult(
-            names=trajectory.coordinates,
-            unit=("N·m",) * n_pairs,
-            value=residual,
-            lower=np.zeros(n_pairs),
-            upper=np.zeros(n_pairs),
-            multiplier=np.full((n_frames, n_pairs), 0.1),
-        )
-    }
-    violation = {"MomentEquilibrium": float(np.abs(residual).max()), "bounds": 0.0}
+    program = describe(problem)
+    # the solver's signs: negative where a lower bound pushes, and the other way round for equations
+    multipliers = np.full((n_frames, len(program.rows)), -0.1)
     if stability:
-        term = constraints[1]
-        value = joint_stability(potvin_brown(trajectory, axes=("z",)), force, 5.0)
-        multiplier = np.zeros_like(value)
-        multiplier[0] = 0.25
-        rows["JointStability"] = RowResult(
-            names=term.row_names(problem),
-            unit=("N·m/rad",) * n_pairs,
-            value=value,
-            lower=np.full(n_pairs, level),
-            upper=np.full(n_pairs, np.inf),
-            multiplier=multiplier,
+        multipliers[:, n_pairs:] = 0.0
+        multipliers[0, n_pairs:] = -0.25 * STABILITY_SCALE
+    shortfalls = tuple(
+        Shortfall(
+            frame=k,
+            time=float(trajectory.time[k]),
+            constraint="MomentEquilibrium",
+            row=trajectory.coordinates[0],
+            amount=3.1,
+            unit="N·m",
+            proven=True,
+            helpers=("back_0",),
         )
-        violation["JointStability"] = float(np.maximum(level - value, 0).max())
-    effort = float((activation**2).sum() + (control**2).sum())
-    status = [Status.SOLVED] * n_frames
-    shortfalls = []
-    for k in failed:
-        status[k] = Status.INFEASIBLE
-        shortfalls.append(
-            Shortfall(
-                frame=k,
-                time=float(trajectory.time[k]),
-                constraint="MomentEquilibrium",
-                row=trajectory.coordinates[0],
-                amount=3.1,
-                unit="N·m",
-                proven=True,
-                helpers=("back_0",),
-            )
-        )
-    return Solution(
-        problem=problem,
-        frame_status=tuple(status),
-        activation=activation,
-        control=control,
-        tendon_force=force,
-        actuator_force=OPTIMAL_FORCE * control,
-        variables={},
-        quantities={},
-        rows=rows,
-        objective_terms={"ActivationEffort": effort},
-        violation=violation,
-        shortfalls=tuple(shortfalls),
-        report=SolveReport(
-            solver="framewise",
-            iterations=7 * n_frames,
-            build_seconds=0.1,
-            solve_seconds=0.2,
-            options={"tolerance": 1e-6, "max_iterations": 500},
-            versions={"scso_nlp": "0.1.0", "casadi": "3.8.2"},
-        ),
+        for k in failed
     )
+    outcome = Outcome(
+        program=program,
+        unknowns=np.hstack([activation, control]),
+        multipliers=(multipliers, np.zeros((n_frames - 1, 0))),
+        status=tuple(Status.INFEASIBLE if k in failed else Status.SOLVED for k in range(n_frames)),
+        shortfalls=shortfalls,
+    )
+    report = SolveReport(
+        solver="framewise",
+        iterations=7 * n_frames,
+        build_seconds=0.1,
+        solve_seconds=0.2,
+        options={"tolerance": 1e-6, "max_iterations": 500},
+        versions={"scso_nlp": "0.1.0", "casadi": "3.8.2"},
+    )
+    return judge(outcome, report)

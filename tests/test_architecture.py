@@ -19,18 +19,45 @@ from helpers import random_problem
 from muscle_models import opensim_tables
 
 import scso_nlp as scso
-from scso_nlp.constraints.constraint import Constraint
 from scso_nlp.muscle_models.hill_muscle import HillCurves
 from scso_nlp.muscle_models.muscle_classes import MUSCLE_CLASSES
-from scso_nlp.objectives.objective import Objective
-from scso_nlp.transcription.build import describe, evaluate
+from scso_nlp.transcription.describe import describe
+from scso_nlp.transcription.piece import evaluate
 
 PACKAGE = Path(scso.__file__).parent
 TESTS = Path(__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-#: Folders whose files may speak CasADi.
-SYMBOLIC = ("muscle_models", "objectives", "constraints", "transcription")
+#: Folders and files that may speak CasADi.
+SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcription", "solve")
+
+#: The rooms of the house from bottom to top. A room knows those below it, never those above.
+LAYERS = (
+    "exceptions",
+    "validation",
+    "trajectory",
+    "muscles",
+    "motion",
+    "stability",
+    "frame",
+    "muscle_models",
+    "objectives",
+    "constraints",
+    "problem",
+    "methods",
+    "transcription",
+    "solution",
+    "solve",
+    "contributions",
+    "io",
+    "opensim",
+    "analysis",
+    "report",
+    "examples",
+    "settings",
+    "run",
+    "cli",
+)
 
 #: The one file that may import OpenSim; it runs in a process of its own.
 WORKER = "scso_nlp.opensim.worker"
@@ -84,13 +111,70 @@ def imports(path: Path) -> tuple[str, ...]:
     return tuple(found)
 
 
-def test_only_four_folders_import_casadi():
-    wrong = [
-        str(path.relative_to(PACKAGE))
-        for path in FILES
-        if "casadi" in imports(path) and path.relative_to(PACKAGE).parts[0] not in SYMBOLIC
+def room(module: str) -> str:
+    """Folder or file of the package that a module stands in; empty for the package itself."""
+    return ".".join(module.split(".")[1:2])
+
+
+def test_only_the_symbolic_folders_import_casadi():
+    found = {room(module_name(path)) for path in FILES if "casadi" in imports(path)}
+    assert found <= set(SYMBOLIC)
+
+
+@cache
+def imported_modules(path: Path) -> frozenset[str]:
+    """Modules of the package that a file imports, anywhere and for type checkers too."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("scso_nlp"):
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {name if name in ALL_MODULES else node.module for name in names}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name in ALL_MODULES}
+    return frozenset(found - {module_name(path)})
+
+
+ALL_MODULES = frozenset(module_name(path) for path in FILES)
+
+
+def arrows_up(sources: dict[str, frozenset[str]]) -> list[str]:
+    """Imports from a room above one's own; the package's own list of public names is left out."""
+    return [
+        f"{module} -> {other}"
+        for module, others in sources.items()
+        for other in sorted(others)
+        if module != "scso_nlp"
+        and room(other) != room(module)
+        and LAYERS.index(room(other)) > LAYERS.index(room(module))
     ]
-    assert wrong == []
+
+
+def test_every_room_has_its_place_in_the_order():
+    assert {room(name) for name in ALL_MODULES} - {""} == set(LAYERS)
+
+
+def test_no_arrow_goes_up():
+    assert arrows_up({module_name(path): imported_modules(path) for path in FILES}) == []
+
+
+def test_an_arrow_up_would_be_seen():
+    sources = {"scso_nlp.frame": frozenset({"scso_nlp.problem", "scso_nlp.motion"})}
+    assert arrows_up(sources) == ["scso_nlp.frame -> scso_nlp.problem"]
+
+
+def test_no_circle_of_files():
+    """Also within a room, and through imports for type checkers."""
+    graph = {module_name(path): imported_modules(path) for path in FILES}
+    del graph["scso_nlp"]
+    graph = {name: others & graph.keys() for name, others in graph.items()}
+    while leaves := [name for name, others in graph.items() if not others]:
+        graph = {name: others - set(leaves) for name, others in graph.items() if others}
+    assert sorted(graph) == [], "these files stand in a circle, or above one"
+
+
+def test_only_the_solver_and_the_list_of_public_names_know_the_transcription():
+    knowing = {p for p in FILES if any(room(m) == "transcription" for m in imported_modules(p))}
+    assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solve"}
 
 
 def test_only_the_worker_imports_opensim():
@@ -108,6 +192,12 @@ def test_parts_that_promise_it_do_without_casadi_and_opensim():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_problems_and_the_package_import_nothing_from_the_tests():
+    modules = {path.stem for path in TESTS.rglob("*.py")} | {"tests"}
+    files = [*FILES, *(PACKAGE.parent / "problems").rglob("*.py")]
+    assert [str(path) for path in files if modules & set(imports(path))] == []
 
 
 def test_no_file_subclasses_or_uses_opti():
@@ -166,10 +256,10 @@ def _import_all() -> None:
             importlib.import_module(name)
 
 
-def _concrete(base: type) -> list[type]:
-    """All concrete classes of the package below a base class."""
+def _concrete(*bases: type) -> list[type]:
+    """All concrete classes of the package below some base classes."""
     found: dict[str, type] = {}
-    waiting = [base]
+    waiting = list(bases)
     while waiting:
         for child in waiting.pop().__subclasses__():
             waiting.append(child)
@@ -179,7 +269,9 @@ def _concrete(base: type) -> list[type]:
 
 
 _import_all()
-OBJECTIVES, CONSTRAINTS, MODELS = (_concrete(base) for base in (Objective, Constraint, scso.MuscleModel))
+OBJECTIVES = _concrete(scso.FrameObjective, scso.FramePairObjective)
+CONSTRAINTS = _concrete(scso.FrameConstraint, scso.FramePairConstraint)
+MODELS = _concrete(scso.MuscleModel)
 TERMS = OBJECTIVES + CONSTRAINTS + MODELS
 
 
@@ -197,10 +289,14 @@ def test_every_term_is_exported_by_its_folder_and_by_the_package(term):
 
 
 @pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
-def test_every_term_has_a_test_file_of_its_own(term):
+def test_every_term_has_a_test_file_with_tests_that_name_it(term):
     _, folder, module = term.__module__.split(".")
     file = TESTS / folder / f"test_{module}.py"
     assert file.is_file(), f"{term.__name__} has no tests/{folder}/test_{module}.py"
+    text = file.read_text(encoding="utf-8")
+    tests = [node for node in ast.parse(text).body if getattr(node, "name", "").startswith("test_")]
+    naming = [test for test in tests if term.__name__ in (ast.get_source_segment(text, test) or "")]
+    assert naming, f"no test of tests/{folder}/test_{module}.py names {term.__name__}"
 
 
 @pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
@@ -246,7 +342,10 @@ def test_every_term_has_finite_values_and_derivatives_inside_its_bounds(term):
     else:
         problem = dataclasses.replace(problem, constraints=(example,))
     program = describe(problem)
-    pieces = [piece for _, piece in program.objectives] + [*program.rows, program.tendon_force]
+    pieces = [piece for _, piece in program.objectives] + [
+        block.piece for block in (*program.rows.blocks, *program.pair_rows.blocks, *program.matrices)
+    ]
+    pieces.append(program.tendon_force)
     lower, upper = (np.clip(program.layout.rows(what, 3), -1.0, 1.0) for what in ("lower", "upper"))
     x = (lower + rng.uniform(0.2, 0.8, lower.shape) * (upper - lower)) / program.layout.scale
     for piece in pieces:
@@ -265,7 +364,7 @@ def _with_curvature(problem, rng):
     """The problem with random path curvature of its coordinates, for constraints that ask for it."""
     from scso_nlp.trajectory import CoordinateCurvature
 
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     n_frames, n, n_muscles = trajectory.moment_arms.shape
     curvature = rng.normal(0, 0.02, (n_frames, n, n, n_muscles))
     given = CoordinateCurvature(
@@ -276,7 +375,12 @@ def _with_curvature(problem, rng):
         asymmetry=np.zeros((n_frames, n_muscles)),
         is_uncertain=np.zeros((n_frames, n_muscles), dtype=bool),
     )
-    return dataclasses.replace(problem, trajectory=dataclasses.replace(trajectory, curvature=given))
+    return dataclasses.replace(
+        problem,
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(trajectory, curvature=given)
+        ),
+    )
 
 
 # Docstrings ---------------------------------------------------------------------------------------

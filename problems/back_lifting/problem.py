@@ -11,6 +11,7 @@ from problems.fetch import BACK_LIFTING, fetch, motion_cache
 from scso_nlp import (
     ActuatorParameters,
     JointStability,
+    Motion,
     MotionTrajectory,
     MuscleForceProblem,
     stability_constrained_static_optimization,
@@ -82,7 +83,7 @@ def make_problem(
         raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
     folder = fetch(BACK_LIFTING)
     moments = read_storage(folder / trial / "id.sto")
-    trajectory, muscles, actuators = load_motion(
+    recorded = load_motion(
         model=folder / "lumbarModel_scaled.osim",
         coordinates=folder / trial / "ik.sto",
         in_degrees=False,
@@ -93,10 +94,11 @@ def make_problem(
         name=trial,
         cache=motion_cache(),
     )
+    trajectory = recorded.trajectory
     rows = np.searchsorted(moments.time, trajectory.time - 1e-3)
     if np.abs(moments.time[rows] - trajectory.time).max() > 1e-3:
         raise DataError(f"inverse dynamics of {trial} are not at the times of its inverse kinematics")
-    if actuators.actuators:
+    if recorded.actuators.actuators:
         raise DataError(f"the model of {trial} has actuators of its own, expected muscles only")
     trajectory = _with_reserves(_keep_coordinates(trajectory, moments.columns(COORDINATES)[rows]))
     n = len(COORDINATES)
@@ -106,9 +108,8 @@ def make_problem(
         min_control=np.full(n, -np.inf),
         max_control=np.full(n, np.inf),
     )
-    return stability_constrained_static_optimization(
-        trajectory, muscles, actuators, stability=JointStability(q=q, joints=JOINTS)
-    )
+    motion = Motion(trajectory=trajectory, muscles=recorded.muscles, actuators=actuators)
+    return stability_constrained_static_optimization(motion, stability=JointStability(q=q, joints=JOINTS))
 
 
 def passive_stiffness() -> tuple[dict[str, float], dict[str, float]]:

@@ -30,19 +30,17 @@ def run_ours(setup: str, joints: list[str], q: float, step: int) -> dict[str, fl
 
     axes = tuple((joint, axis) for joint in joints for axis in "xyz")
     started = time.perf_counter()
-    trajectory, muscles, actuators = scso.load_motion(
-        setup, step_interval=step, keep_coupled_speeds=False, progress=False
-    )
+    motion = scso.load_motion(setup, step_interval=step, keep_coupled_speeds=False, progress=False)
     plain_extraction = time.perf_counter() - started
     started = time.perf_counter()
-    trajectory, muscles, actuators = scso.load_motion(
+    motion = scso.load_motion(
         setup, step_interval=step, stability_axes=axes, keep_coupled_speeds=False, progress=False
     )
     extraction = time.perf_counter() - started
-    plain = scso.static_optimization(trajectory, muscles, actuators)
+    plain = scso.static_optimization(motion)
     stability = scso.JointStability(q=q, joints=joints)
     result = {
-        "frames": trajectory.n_frames,
+        "frames": motion.n_frames,
         "extraction": plain_extraction,
         "extraction with stability axes": extraction,
     }

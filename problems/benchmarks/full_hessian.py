@@ -1,9 +1,8 @@
 """The cost of the whole Hessian, against plain static optimization and its Cholesky factor as unknowns.
 
-Usage: python problems/benchmarks/full_hessian.py [coordinates muscles frames]    (10 60 100)
+Usage: python -m problems.benchmarks.full_hessian [coordinates muscles frames]    (10 60 100)
 
-One run of random motions whose loads topple the joints unless muscles stiffen them in every direction. The
-lifted form and the problems are those of the tests, which compare them with each other on small cases.
+One run of random motions whose loads topple the joints unless muscles stiffen them in every direction.
 """
 
 from __future__ import annotations
@@ -11,26 +10,17 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
-
-import numpy as np
 
 import scso_nlp as scso
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tests"))
-
-from conic_oracle import hessian_problem
-from lifted_stability import LiftedStability
+from problems.random_hessian.lifted_stability import LiftedStability
+from problems.random_hessian.problem import make_problem
 
 
 def main() -> None:
     """Solve the three forms one after the other and print the ratios."""
     sizes = [int(word) for word in sys.argv[1:4]] or [10, 60, 100]
-    n_coordinates, n_muscles, n_frames = sizes
-    problem = hessian_problem(
-        np.random.default_rng(0), n_coordinates=n_coordinates, n_muscles=n_muscles, n_frames=n_frames
-    )
-    plain = problem.without_stability()
+    problem = make_problem(*sizes)
+    plain = replace(problem, constraints=(scso.MomentEquilibrium(),))
     forms = {
         "plain static optimization": plain,
         "whole Hessian": problem,

@@ -26,8 +26,8 @@ def make_problem(exponent: float = 2.0) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
-    trajectory, muscles, actuators = load_motion(example_folder("elbow") / "setup.xml", cache=motion_cache())
-    return static_optimization(trajectory, muscles, actuators, muscle_model=NoPhysiology(), exponent=exponent)
+    motion = load_motion(example_folder("elbow") / "setup.xml", cache=motion_cache())
+    return static_optimization(motion, muscle_model=NoPhysiology(), exponent=exponent)
 
 
 def closed_form(moment: float, exponent: float = 2.0) -> FloatArray:

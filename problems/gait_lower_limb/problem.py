@@ -35,7 +35,7 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(GAIT10DOF18MUSC)
-    trajectory, muscles, actuators = load_motion(
+    motion = load_motion(
         model=folder / "gait10dof18musc_simbody.osim",
         coordinates=folder / "subject01_walk_IK.mot",
         external_loads=folder / "subject01_walk_grf.xml",
@@ -47,4 +47,4 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         cache=motion_cache(),
     )
     stability = JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT)
-    return stability_constrained_static_optimization(trajectory, muscles, actuators, stability=stability)
+    return stability_constrained_static_optimization(motion, stability=stability)

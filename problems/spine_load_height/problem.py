@@ -31,13 +31,9 @@ def make_problem(q: float = 5.0, level: float = 0.0) -> MuscleForceProblem:
     MuscleForceProblem
         Without stability rows: ``make_problem().without_stability()``.
     """
-    trajectory, muscles, actuators = load_motion(
-        example_folder("spine-load-height") / "setup.xml", cache=motion_cache()
-    )
+    motion = load_motion(example_folder("spine-load-height") / "setup.xml", cache=motion_cache())
     return stability_constrained_static_optimization(
-        trajectory,
-        muscles,
-        actuators,
+        motion,
         muscle_model=NoPhysiology(),
         stability=JointStability(q=q, level=level),
     )

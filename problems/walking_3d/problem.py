@@ -41,7 +41,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(WALKING3D)
-    trajectory, muscles, actuators = load_motion(
+    motion = load_motion(
         model=folder / "subject_walk_scaled.osim",
         coordinates=folder / "coordinates.sto",
         external_loads=folder / "grf_walk.xml",
@@ -55,7 +55,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         cache=motion_cache(),
     )
     stability = JointStability(q=q, joints=JOINTS, soft=SOFT)
-    return stability_constrained_static_optimization(trajectory, muscles, actuators, stability=stability)
+    return stability_constrained_static_optimization(motion, stability=stability)
 
 
 def emg_file() -> Path:

@@ -140,10 +140,8 @@ def result_of(solution: Solution, label: str) -> MotionResult:
     MotionResult
     """
     # the solver's side of the package, which tables made from result folders do not need
-    from scso_nlp.analysis.stability_margin import stability_margin
-
-    trajectory = solution.problem.trajectory
-    margin = stability_margin(solution)
+    trajectory = solution.problem.motion.trajectory
+    margin = solution.stability
     report = solution.report
     return MotionResult(
         label=label,
@@ -170,7 +168,7 @@ def result_of(solution: Solution, label: str) -> MotionResult:
 
 
 def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
-    """Read a result folder back, as written by :func:`scso_nlp.io.results.write_solution`.
+    """Read a result folder back, as written by :func:`scso_nlp.report.results.write_solution`.
 
     Parameters
     ----------

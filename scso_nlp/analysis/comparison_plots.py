@@ -282,9 +282,9 @@ def stability_contributions(solution: Solution) -> StabilityContributions:
         raise DataError("no frame is solved, there is nothing to split")
     rows: list[str] = []
     values, work = [], []
-    for term in problem.constraints:
+    for term in problem.stability_terms:
         if isinstance(term, StabilityConstraint):
-            found = term.stability_rows(problem)
+            found = term.stability_rows(problem.motion)
             force = solution.tendon_force[solved]
             stiffness = _stiffness(solution, term.name)[solved]
             rows.extend(found.rows)
@@ -294,10 +294,10 @@ def stability_contributions(solution: Solution) -> StabilityContributions:
             )
             work.append(found.external_work[solved].mean(axis=0))
     if not rows:
-        raise DataError(f"the solution of {problem.trajectory.name!r} has no stability rows to split")
+        raise DataError(f"the solution of {problem.motion.trajectory.name!r} has no stability rows to split")
     return StabilityContributions(
         rows=tuple(rows),
-        muscles=problem.trajectory.muscles,
+        muscles=problem.motion.trajectory.muscles,
         values=np.vstack(values),
         external_work=np.concatenate(work),
     )

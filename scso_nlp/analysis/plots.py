@@ -17,8 +17,6 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from scso_nlp.analysis import style
-from scso_nlp.analysis.moment_balance import moment_balance
-from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.solution import Solution
@@ -78,7 +76,7 @@ def plot_activations(
     DataError
         The horizontal values do not fit the frames or do not increase.
     """
-    muscles = solution.problem.trajectory.muscles
+    muscles = solution.problem.motion.trajectory.muscles
     x, label = _horizontal(solution, horizontal)
     name, baseline_name = _names(solution, baseline)
     curves = [(solution, style.RESULT_COLOR, name, "-")]
@@ -93,7 +91,7 @@ def plot_activations(
         _shade_failed(panel, x, solution)
         panel.set_ylim(-0.05 * largest, 1.08 * largest)
         _title(panel, muscle)
-    _finish(figure, panels, label, "Activation [-]", f"{solution.problem.trajectory.name}: activations")
+    _finish(figure, panels, label, "Activation [-]", f"{solution.problem.motion.name}: activations")
     return figure
 
 
@@ -118,7 +116,7 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
     DataError
         The horizontal values do not fit the frames or do not increase.
     """
-    balance = moment_balance(solution)
+    balance = solution.moment_balance
     x, label = _horizontal(solution, horizontal)
     has_actuators = solution.control.shape[1] > 0
     figure, panels = _grid(len(balance.coordinates), x, share_y=False, title_lines=1 + has_actuators)
@@ -141,7 +139,7 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
         _shade_failed(panel, x, solution)
         _widen(panel)
         _title(panel, title)
-    name = solution.problem.trajectory.name
+    name = solution.problem.motion.name
     _finish(figure, panels, label, "Moment or force", f"{name}: moment balance")
     return figure
 
@@ -156,7 +154,8 @@ def plot_stability(
     solution : Solution
         With stability rows.
     baseline : Solution, optional
-        Of the same motion; the same rows are evaluated at its forces.
+        Of the same motion; drawn where it kept or observed the same rows, see
+        :meth:`~scso_nlp.MuscleForceProblem.without_stability`.
     horizontal : HorizontalAxis, optional
         Time by default.
 
@@ -171,13 +170,18 @@ def plot_stability(
     NameMismatchError
         The baseline is of another motion.
     """
-    own = stability_margin(solution)
+    own = solution.stability
     if own is None:
         raise DataError(
-            f"the solution of {solution.problem.trajectory.name!r} has no stability rows, "
+            f"the solution of {solution.problem.motion.name!r} has no stability rows, "
             "expected a stability constraint"
         )
-    other = None if baseline is None else stability_margin(baseline, rows_of=solution)
+    other = None
+    if baseline is not None:
+        _require_same_motion(solution, baseline)
+        other = baseline.stability
+    if other is not None and other.rows != own.rows:
+        other = None
     x, label = _horizontal(solution, horizontal)
     name, baseline_name = _names(solution, baseline)
     figure, panels = _grid(len(own.rows), x, share_y=False)
@@ -195,13 +199,13 @@ def plot_stability(
         _shade_failed(panel, x, solution)
         _widen(panel)
         _title(panel, row if own.level[r] == 0 else f"{row}, level {own.level[r]:g}")
-    title = f"{solution.problem.trajectory.name}: joint stability"
+    title = f"{solution.problem.motion.name}: joint stability"
     _finish(figure, panels, label, "Margin S - level [N·m/rad]", title)
     return figure
 
 
 def _horizontal(solution: Solution, horizontal: HorizontalAxis | None) -> tuple[FloatArray, str]:
-    time = solution.problem.trajectory.time
+    time = solution.problem.motion.trajectory.time
     if horizontal is None:
         if abs(time[0]) < LONG_AGO:
             return time, "Time [s]"
@@ -230,7 +234,7 @@ def _solved(solution: Solution, values: FloatArray) -> FloatArray:
 
 
 def _require_same_motion(solution: Solution, baseline: Solution) -> None:
-    own, other = solution.problem.trajectory, baseline.problem.trajectory
+    own, other = solution.problem.motion.trajectory, baseline.problem.motion.trajectory
     if own.muscles != other.muscles or own.n_frames != other.n_frames:
         raise NameMismatchError(
             f"the baseline {other.name!r} has other muscles or another number of frames than {own.name!r}"

@@ -54,7 +54,7 @@ def tendon_force_difference(solution: Solution, reference: Solution) -> TendonFo
         raise DataError("no frame is solved in both solutions, expected at least one")
     difference = (solution.tendon_force - reference.tendon_force)[both]
     return TendonForceDifference(
-        muscles=solution.problem.trajectory.muscles,
+        muscles=solution.problem.motion.trajectory.muscles,
         largest=np.abs(difference).max(axis=0),
         root_mean_square=np.sqrt((difference**2).mean(axis=0)),
     )
@@ -85,7 +85,10 @@ def plot_tendon_forces(solutions: Mapping[str, Solution], *, title: str | None =
         raise DataError("no solution to draw, expected at least one")
     _same_motion(solutions)
     reference, *others = solutions.values()
-    trajectory, strength = reference.problem.trajectory, reference.problem.muscles.max_isometric_force
+    trajectory, strength = (
+        reference.problem.motion.trajectory,
+        reference.problem.motion.muscles.max_isometric_force,
+    )
     figure, panels = style.panel_grid(
         len(trajectory.muscles), title=f"{title or trajectory.name}: tendon force", share_y=False
     )
@@ -107,8 +110,8 @@ def plot_tendon_forces(solutions: Mapping[str, Solution], *, title: str | None =
 
 def _same_motion(solutions: Mapping[str, Solution]) -> None:
     (first, reference), *others = solutions.items()
-    expected = reference.problem.trajectory
+    expected = reference.problem.motion.trajectory
     for label, solution in others:
-        found = solution.problem.trajectory
+        found = solution.problem.motion.trajectory
         if found.muscles != expected.muscles or not np.array_equal(found.time, expected.time):
             raise DataError(f"{label} and {first} have other muscles or frames, expected one motion")

@@ -60,17 +60,15 @@ def _title(folder: Path) -> str:
 
 def _table(result: RunResult) -> str:
     """One line per frame: mean activation and least stable row, without and with stability rows."""
-    from scso_nlp.analysis.stability_margin import stability_margin
-
     solution = result.solution
     runs = [run for run in (result.baseline, solution) if run is not None]
-    margins = [stability_margin(run, rows_of=solution) for run in runs]
+    margins = [run.stability for run in runs]
     names = ["static optimization", "with stability rows"][-len(runs) :]
     lines = [
         " " * 8 + "".join(f"  | {name:<40}" for name in names),
         f"{'time [s]':>8}" + f"  | {'activation':>10}  {'least margin [N·m/rad]':<28}" * len(runs),
     ]
-    for k, time in enumerate(solution.problem.trajectory.time):
+    for k, time in enumerate(solution.problem.motion.trajectory.time):
         cells = f"{time:8.4g}"
         for run, margin in zip(runs, margins, strict=True):
             if not run.is_solved[k]:

@@ -162,7 +162,7 @@ def run(
 
 def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     solution = result.solution
-    trajectory = solution.problem.trajectory
+    trajectory = solution.problem.motion.trajectory
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
     for shortfall in solution.shortfalls[1:5]:
         typer.echo(f"  {shortfall}", err=True)

@@ -10,14 +10,16 @@ import numpy as np
 
 from scso_nlp.constraints.constraint import FramePairConstraint
 from scso_nlp.exceptions import DataError, ProblemError
-from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
+from scso_nlp.frame import Frame, Rows, VariableSpec
+from scso_nlp.motion import Motion
 
 if TYPE_CHECKING:
     from scso_nlp.muscles import MuscleParameters
-    from scso_nlp.problem import MuscleForceProblem
 
-#: How sharply the time constant changes between activation and deactivation [-]. De Groote et al. (2016).
-SMOOTHNESS = 0.1
+#: How sharply the time constant changes between activation and deactivation [-]. De Groote et al. (2016) have
+#: 0.1; OpenSim 4.6 keeps it as the default of ``activation_dynamics_smoothing`` and recommends 10, with which
+#: rise and fall come closer to their time constants.
+SMOOTHNESS = 10.0
 
 
 def activation_rate(
@@ -109,9 +111,10 @@ class ActivationDynamics(FramePairConstraint):
 
     Notes
     -----
-    With the source's b = 0.1, which is OpenSim's too, rise and fall are hardly told apart: f stays below
-    0.05, and both go at about the mean of the two rates. From b = 100 on the rate is that of Thelen (2003),
-    (e - a)/(tau_a z) on the rise and (e - a) z/tau_d on the fall with z = 1/2 + 3a/2.
+    With the source's b = 0.1, the default of OpenSim's muscle, rise and fall are hardly told apart: f stays
+    below 0.05, and both go at about the mean of the two rates; OpenSim recommends 10. From b = 100 on the
+    rate is that of Thelen (2003), (e - a)/(tau_a z) on the rise and (e - a) z/tau_d on the fall with
+    z = 1/2 + 3a/2.
 
     The trapezoidal rule is of second order in the time step. Nothing costs or damps the excitations
     themselves, and one frame more than there are rows has them: where activations do not touch a bound, the
@@ -128,19 +131,19 @@ class ActivationDynamics(FramePairConstraint):
         if not (np.isfinite(self.smoothness) and self.smoothness > 0):
             raise ProblemError(f"smoothness is {self.smoothness:g}, expected a positive number")
 
-    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+    def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
         """Name the excitations."""
-        names = tuple(f"{name}_excitation" for name in problem.muscles.muscles)
-        lower, upper = problem.muscles.min_activation, problem.muscles.max_activation
+        names = tuple(f"{name}_excitation" for name in motion.muscles.muscles)
+        lower, upper = motion.muscles.min_activation, motion.muscles.max_activation
         guess = np.clip(0.1, lower, upper)
         return (VariableSpec(name="excitation", labels=names, lower=lower, upper=upper, guess=guess),)
 
-    def rows(self, previous: Frame, current: Frame, dt: ca.SX, problem: MuscleForceProblem) -> Rows:
+    def rows(self, previous: Frame, current: Frame, dt: ca.SX, motion: Motion) -> Rows:
         """One row per muscle: step of activation minus the integrated rate [-]."""
-        constants = time_constants(problem.muscles, self.name)
+        constants = time_constants(motion.muscles, self.name)
         rates = [
             activation_rate(frame.variables["excitation"], frame.activation, *constants, self.smoothness)
             for frame in (previous, current)
         ]
         step = current.activation - previous.activation - 0.5 * dt * (rates[0] + rates[1])
-        return Rows(value=step, lower=0.0, upper=0.0, names=problem.muscles.muscles, unit="-", scale=1e-2)
+        return Rows(value=step, lower=0.0, upper=0.0, names=motion.muscles.muscles, unit="-", scale=1e-2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -11,10 +11,8 @@ import numpy as np
 from scso_nlp.constraints.activation_dynamics import time_constants
 from scso_nlp.constraints.constraint import FramePairConstraint
 from scso_nlp.exceptions import ProblemError
-from scso_nlp.transcription.frame import Frame, Rows
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.frame import Frame, Rows
+from scso_nlp.motion import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +52,9 @@ class ActivationRate(FramePairConstraint):
         if self.bounds not in ("first_order", "constant"):
             raise ProblemError(f"bounds is {self.bounds!r}, expected 'first_order' or 'constant'")
 
-    def rows(self, previous: Frame, current: Frame, dt: ca.SX, problem: MuscleForceProblem) -> Rows:
+    def rows(self, previous: Frame, current: Frame, dt: ca.SX, motion: Motion) -> Rows:
         """One row per muscle, or two for first-order bounds: rate of activation less its bound [1/s]."""
-        muscles = problem.muscles
+        muscles = motion.muscles
         rise, fall = time_constants(muscles, self.name)
         low, high = ca.DM(muscles.min_activation), ca.DM(muscles.max_activation)
         rate = (current.activation - previous.activation) / dt

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.stability.hessian import hessian_terms, require_curvature, rows_along
+from scso_nlp.motion import Motion
+from scso_nlp.stability.hessian import chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,15 +34,16 @@ class CoordinateStability(StabilityConstraint):
     coordinates: Sequence[str] | None = None
     model_passive: bool = True
 
-    def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
-        """Curvature, moment arms and loads of the rows."""
-        names = self.row_names(problem)
-        terms = hessian_terms(problem.trajectory, names, model_passive=self.model_passive)
-        unit = np.broadcast_to(np.eye(len(names)), (problem.trajectory.n_frames, len(names), len(names)))
-        return rows_along(terms, unit, names, problem.trajectory.muscles)
-
-    def row_names(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+    def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names of the chosen coordinates."""
-        if self.coordinates is not None:
-            return tuple(self.coordinates)
-        return require_curvature(problem.trajectory).coordinates
+        return chosen_coordinates(motion.trajectory, self.coordinates)
+
+    def stability_rows(self, motion: Motion) -> StabilityRows:
+        """Curvature, moment arms and loads of the rows."""
+        names = self.row_names(motion)
+        terms = hessian_terms(motion.trajectory, names, model_passive=self.model_passive)
+        return terms.rows_of_coordinates(motion.trajectory.muscles)
+
+    def notes(self, motion: Motion) -> tuple[str, ...]:
+        """Say which coordinates are looked at, and where the curvature of paths is uncertain."""
+        return curvature_notes(motion.trajectory)

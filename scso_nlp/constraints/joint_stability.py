@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.motion import Motion
 from scso_nlp.stability.potvin_brown import potvin_brown
 from scso_nlp.stability.rows import StabilityRows, select_rows
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +40,17 @@ class JointStability(StabilityConstraint):
     axes: Sequence[str] = ("x", "y", "z")
     moving_paths: Literal["exact", "frozen"] = "exact"
 
-    def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
+    def stability_rows(self, motion: Motion) -> StabilityRows:
         """Curvature, moment arms and external work of the rows."""
         return potvin_brown(
-            problem.trajectory, joints=self.joints, axes=self.axes, moving_paths=self.moving_paths
+            motion.trajectory, joints=self.joints, axes=self.axes, moving_paths=self.moving_paths
         )
 
-    def row_names(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+    def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names ``"<joint>_<axis>"``, one per row."""
-        skeleton = problem.trajectory.skeleton
+        skeleton = motion.trajectory.skeleton
         return select_rows(skeleton, self.joints, self.axes)[0] if skeleton is not None else ()
+
+    def notes(self, motion: Motion) -> tuple[str, ...]:
+        """Say which paths are taken as they are not."""
+        return self.stability_rows(motion.frames(0, 1)).notes

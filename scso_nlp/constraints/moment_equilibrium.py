@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import ProblemError
-from scso_nlp.transcription.frame import Frame, Rows
+from scso_nlp.frame import Frame, Rows
+from scso_nlp.motion import Motion
 from scso_nlp.validation import FloatArray
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +49,15 @@ class MomentEquilibrium(FrameConstraint):
                 f"passive_elements is {self.passive_elements!r}, expected 'taken_off' or 'left_in'"
             )
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give the passive elements' share [N·m or N] if muscles are to carry it."""
         if self.passive_elements == "taken_off":
             return {}
-        return {"passive": problem.trajectory.passive_generalized_forces}
+        return {"passive": motion.trajectory.passive_generalized_forces}
 
-    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+    def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say what becomes of passive elements, if there are any that act."""
-        trajectory = problem.trajectory
+        trajectory = motion.trajectory
         passive = np.abs(trajectory.passive_generalized_forces)
         if not passive.any():
             return ()
@@ -71,7 +69,7 @@ class MomentEquilibrium(FrameConstraint):
             f"{passive.max():.3g} {unit}, {trajectory.coordinates[c]})",
         )
 
-    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
+    def rows(self, frame: Frame, motion: Motion) -> Rows:
         """One row per free coordinate, in N·m (rotation) or N (translation)."""
         produced = frame.moment_arms @ frame.muscle.tendon_force
         if frame.control.numel():
@@ -83,6 +81,6 @@ class MomentEquilibrium(FrameConstraint):
             value=produced - target,
             lower=0.0,
             upper=0.0,
-            names=problem.trajectory.coordinates,
-            unit=["N·m" if angle else "N" for angle in problem.trajectory.is_rotational],
+            names=motion.trajectory.coordinates,
+            unit=["N·m" if angle else "N" for angle in motion.trajectory.is_rotational],
         )

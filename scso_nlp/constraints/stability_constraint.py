@@ -1,4 +1,4 @@
-"""What all stability constraints have in common: rows of a joint's rotational stiffness.
+"""What all stability constraints have in common: the rotational stiffness of a joint has a least level.
 
 The formulations differ only in the ways to turn that they look at: about joint axes
 (:class:`JointStability`), along single coordinates (:class:`CoordinateStability`), or along any
@@ -11,20 +11,16 @@ import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
 from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import ProblemError
+from scso_nlp.frame import Frame, MatrixRows, Rows
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, StiffnessLaw
 from scso_nlp.stability.rows import StabilityRows
-from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
 from scso_nlp.validation import FloatArray, positions
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 #: A meaningful difference of rotational stiffness [N·m/rad].
 STABILITY_SCALE = 10.0
@@ -82,74 +78,53 @@ class StabilityConstraint(FrameConstraint):
         if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
             raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or None")
 
-    @abc.abstractmethod
-    def stability_rows(self, problem: MuscleForceProblem) -> StabilityRows:
-        """Curvature, moment arms and external work of the rows."""
-
     @property
     def stiffness_law(self) -> StiffnessLaw:
         """Law in use."""
         return self.stiffness or ProportionalStiffness(q=self.q)
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
-        """Give curvature and squared moment arms by row and muscle, and loads by row."""
-        rows = self.stability_rows(problem)
-        passive = self.by_row(self.passive_stiffness or {}, rows.rows)
-        return {
-            "curvature": rows.curvature,
-            "squared_moment_arms": rows.moment_arms**2,
-            "load": rows.external_work - passive,
-            **self.stiffness_law.data(problem),
-        }
+    @abc.abstractmethod
+    def row_names(self, motion: Motion) -> tuple[str, ...]:
+        """Names of the rows: joint axes or coordinates."""
 
-    def by_row(self, values: float | Mapping[str, float], names: Sequence[str]) -> FloatArray:
+    @abc.abstractmethod
+    def stability_rows(self, motion: Motion) -> StabilityRows:
+        """Curvature, moment arms and external work of the rows, each taken alone."""
+
+    def by_row(self, values: float | Mapping[str, float] | None, names: Sequence[str]) -> FloatArray:
         """Spread one value, or values by name, over rows; shape (n_rows,)."""
         if not isinstance(values, Mapping):
-            return np.full(len(names), float(values))
+            return np.full(len(names), float(values or 0.0))
         spread = np.zeros(len(names))
         spread[positions("stability row", values, names)] = list(values.values())
         return spread
 
-    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
-        """Name the amounts by which soft rows miss their level."""
-        if self.soft is None:
-            return ()
-        labels = tuple(f"missed_{name}" for name in self.row_names(problem))
-        return (
-            VariableSpec(
-                name="missed", labels=labels, lower=0.0, guess=STABILITY_SCALE, scale=STABILITY_SCALE
-            ),
-        )
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
+        """Give curvature and squared moment arms by row and muscle, and loads by row."""
+        rows = self.stability_rows(motion)
+        return {
+            "curvature": rows.curvature,
+            "squared_moment_arms": rows.moment_arms**2,
+            "load": rows.external_work - self.by_row(self.passive_stiffness, rows.rows),
+            **self.stiffness_law.data(motion),
+        }
 
-    def penalty(self, frame: Frame) -> ca.SX | None:
-        """Price of the missed levels."""
-        return None if self.soft is None else self.soft * ca.sum1(frame.variables["missed"])
-
-    @abc.abstractmethod
-    def row_names(self, problem: MuscleForceProblem) -> tuple[str, ...]:
-        """Names of the rows."""
-
-    def stability(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
-        """Stability of every row, shape (n_rows, 1) [N·m/rad]."""
-        stiffness = self.stiffness_law.stiffness(frame, problem)
-        data = frame.data
-        return (
+    def rows(self, frame: Frame, motion: Motion) -> Rows | MatrixRows:
+        """One row per way to turn, in N·m/rad; the stiffness of every muscle [N/m] beside them."""
+        stiffness = self.stiffness_law.stiffness(frame, motion)
+        names, data = self.row_names(motion), frame.data
+        value = (
             data["curvature"] @ frame.muscle.tendon_force
             + data["squared_moment_arms"] @ stiffness
             - data["load"]
         )
-
-    def quantities(self, frame: Frame, problem: MuscleForceProblem) -> Mapping[str, ca.SX]:
-        """Name the stiffness of every muscle [N/m]."""
-        return {"muscle_stiffness": self.stiffness_law.stiffness(frame, problem)}
-
-    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows:
-        """One row per way to turn, in N·m/rad."""
-        names = self.row_names(problem)
-        value = self.stability(frame, problem)
-        if self.soft is not None:
-            value += frame.variables["missed"]
-        lower = self.by_row(self.level, names)
         return Rows(
-            value=value, lower=lower, upper=np.inf, names=names, unit="N·m/rad", scale=STABILITY_SCALE
+            value=value,
+            lower=self.by_row(self.level, names),
+            upper=np.inf,
+            names=names,
+            unit="N·m/rad",
+            scale=STABILITY_SCALE,
+            price=self.soft,
+            quantities={"muscle_stiffness": stiffness},
         )

@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
+from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
 
@@ -55,21 +56,17 @@ class Provenance:
 
 def save_bundle(
     path: str | os.PathLike[str],
-    trajectory: MotionTrajectory,
-    muscles: MuscleParameters,
-    actuators: ActuatorParameters,
+    motion: Motion,
     *,
     provenance: Provenance | None = None,
 ) -> None:
-    """Write a motion, its muscles and its actuators to one file, whole or not at all.
+    """Write a motion to one file, whole or not at all.
 
     Parameters
     ----------
     path : str or path-like
         Target, usually ``.npz``; an existing file is replaced. The folder must exist.
-    trajectory : MotionTrajectory
-    muscles : MuscleParameters
-    actuators : ActuatorParameters
+    motion : Motion
     provenance : Provenance, optional
         Versions and input hashes.
 
@@ -81,8 +78,8 @@ def save_bundle(
     path = Path(path)
     arrays: dict[str, np.ndarray] = {}
     values = {
-        name: _take_apart(name, part, arrays)
-        for name, part in (("trajectory", trajectory), ("muscles", muscles), ("actuators", actuators))
+        item.name: _take_apart(item.name, getattr(motion, item.name), arrays)
+        for item in dataclasses.fields(motion)
     }
     header = {
         "format": FORMAT,
@@ -104,14 +101,12 @@ def save_bundle(
             temporary.unlink()
 
 
-def load_bundle(
-    path: str | os.PathLike[str],
-) -> tuple[MotionTrajectory, MuscleParameters, ActuatorParameters]:
+def load_bundle(path: str | os.PathLike[str]) -> Motion:
     """Read a bundle.
 
     Returns
     -------
-    MotionTrajectory, MuscleParameters, ActuatorParameters
+    Motion
         Validated again, equal to what was saved bit by bit.
 
     Raises
@@ -131,7 +126,7 @@ def load_bundle(
     except (KeyError, TypeError, ValueError, ScsoError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise FileFormatError(f"{path} is damaged: {reason}") from None
-    return trajectory, muscles, actuators
+    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
 
 
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:

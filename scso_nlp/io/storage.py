@@ -99,7 +99,7 @@ class Storage:
         set_field(self, "source", str(self.source))
         if len(time) == 0:
             raise DataError(f"{self._where} has no frames, expected at least one")
-        back = np.flatnonzero(np.diff(time) <= 0)
+        back = np.flatnonzero(time[1:] <= time[:-1])
         if len(back):
             k = int(back[0]) + 1
             raise DataError(
@@ -589,15 +589,14 @@ def _one_row_per_time(path: Path, table: FloatArray, line_numbers: IntArray) -> 
             f"{path}, line {line_numbers[bad[0]]}: time is {time[bad[0]]} at row {bad[0]}, "
             "expected a finite number"
         )
-    step = np.diff(time)
-    back = np.flatnonzero(step < 0)
+    back = np.flatnonzero(time[1:] < time[:-1])
     if len(back):
         k = int(back[0]) + 1
         raise DataError(
             f"{path}, line {line_numbers[k]}: time must increase, found {_shown(time[k])} s at row {k} "
             f"after {_shown(time[k - 1])} s"
         )
-    last = np.append(step > 0, True)
+    last = np.append(time[1:] > time[:-1], True)
     if not last.all():
         first = int(np.flatnonzero(~last)[0])
         logger.warning(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
+from scso_nlp.frame import Frame, MuscleState, Rows, VariableSpec
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.equilibrium import equilibrium_residual, solve_equilibrium
 from scso_nlp.muscle_models.force import tendon_force
@@ -20,11 +22,7 @@ from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import fiber_length_of, fiber_width
 from scso_nlp.muscle_models.rigid_tendon import rigid_fiber_data, rigid_fiber_state
 from scso_nlp.muscles import MuscleParameters
-from scso_nlp.transcription.frame import Frame, MuscleState, Rows, VariableSpec
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -91,23 +89,23 @@ class CompliantTendon(MuscleModel):
                     f"{name} is {getattr(self, name)!r}, expected {allowed[0]!r} or {allowed[1]!r}"
                 )
 
-    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+    def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
         """Name fiber lengths along the tendon [m] and tendon forces [N], with bounds and starting point."""
-        split = _split(problem.muscles)
+        split = _split(motion.muscles)
         if not split.elastic:
             return ()
-        names, optimal = problem.muscles.muscles, problem.muscles.optimal_fiber_length
-        length = problem.trajectory.muscle_tendon_length
+        names, optimal = motion.muscles.muscles, motion.muscles.optimal_fiber_length
+        length = motion.trajectory.muscle_tendon_length
         lower, upper, guess = (np.zeros(length.shape) for _ in range(3))
         rests = np.zeros(length.shape, dtype=bool)
         for group in split.elastic:
             where = group.positions
-            rest = self._rest(group, problem)
+            rest = self._rest(group, motion)
             in_equilibrium = solve_equilibrium(
                 group.muscle,
                 np.full(rest.fiber.shape, _GUESS_ACTIVATION),
                 length[:, where],
-                self._velocity(problem)[:, where],
+                self._velocity(motion)[:, where],
             ).fiber_length_along_tendon
             rests[:, where] = rest.is_at_rest
             guess[:, where] = np.where(rest.is_at_rest, rest.fiber, in_equilibrium)
@@ -135,46 +133,46 @@ class CompliantTendon(MuscleModel):
                 name="tendon_force",
                 labels=tuple(f"{names[m]}_tendon" for m in where),
                 guess=force[:, where],
-                scale=problem.muscles.max_isometric_force[where],
+                scale=motion.muscles.max_isometric_force[where],
             ),
         )
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give what is known of the fibers beforehand, each of shape (n_frames, n_muscles).
 
         ``velocity`` of the paths [m/s] that the fibers are to have; if some fiber has no equilibrium,
         ``is_free`` [-], 0 for it and 1 else, with ``fiber_at_rest`` [m] and ``force_at_rest`` [N]; for
         rigid tendons what :func:`rigid_fiber_data` gives.
         """
-        split, velocity = _split(problem.muscles), self._velocity(problem)
+        split, velocity = _split(motion.muscles), self._velocity(motion)
         data = {"velocity": velocity}
         if split.rigid:
-            data |= rigid_fiber_data(problem, split.rigid, velocity, short_fibers=self.short_fibers)
+            data |= rigid_fiber_data(motion, split.rigid, velocity, short_fibers=self.short_fibers)
         at_rest = {
             "is_free": np.ones(velocity.shape),
             "fiber_at_rest": np.ones(velocity.shape),
             "force_at_rest": np.zeros(velocity.shape),
         }
         for group in split.elastic:
-            where, rest = group.positions, self._rest(group, problem)
-            self._report(rest, group, problem)
+            where, rest = group.positions, self._rest(group, motion)
+            self._report(rest, group, motion)
             at_rest["is_free"][:, where] = ~rest.is_at_rest
             at_rest["fiber_at_rest"][:, where] = rest.fiber
             at_rest["force_at_rest"][:, where] = np.where(rest.is_at_rest, rest.force, 0.0)
         return data if (at_rest["is_free"] == 1).all() else data | at_rest
 
-    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+    def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say what becomes of passive fiber force, and which tendons are rigid."""
         notes = ["passive fiber force and damping are included"]
-        names = problem.muscles.muscles
-        rigid = [names[m] for group in _split(problem.muscles).rigid for m in group.positions]
+        names = motion.muscles.muscles
+        rigid = [names[m] for group in _split(motion.muscles).rigid for m in group.positions]
         if rigid:
             notes.append(f"tendons without an elastic curve are rigid: {', '.join(rigid)}")
         return tuple(notes)
 
-    def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
+    def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force and fiber length of one frame."""
-        split, n = _split(problem.muscles), problem.muscles.n_muscles
+        split, n = _split(motion.muscles), motion.muscles.n_muscles
         force, passive, fiber_length, cosine = (ca.SX(n, 1) for _ in range(4))
         if split.rigid:
             rigid = rigid_fiber_state(frame, split.rigid)
@@ -201,12 +199,12 @@ class CompliantTendon(MuscleModel):
             tendon_force=force, passive_force=passive, fiber_length=fiber_length, cos_pennation_angle=cosine
         )
 
-    def rows(self, frame: Frame, problem: MuscleForceProblem) -> Rows | None:
+    def rows(self, frame: Frame, motion: Motion) -> Rows | None:
         """Two rows per elastic tendon over F0: fiber against tendon, tendon curve against its force."""
-        split = _split(problem.muscles)
+        split = _split(motion.muscles)
         if not split.elastic:
             return None
-        balance, curve = (ca.SX(problem.muscles.n_muscles, 1) for _ in range(2))
+        balance, curve = (ca.SX(motion.muscles.n_muscles, 1) for _ in range(2))
         for group in split.elastic:
             where, unknowns = group.positions.tolist(), split.unknowns_of(group)
             q = frame.variables["fiber_length_along_tendon"][unknowns]
@@ -223,7 +221,7 @@ class CompliantTendon(MuscleModel):
                 tension = is_free * tension + frame.data["force_at_rest"][where]
             balance[where] = difference
             curve[where] = (tension - force) / strength
-        names = [problem.muscles.muscles[m] for m in split.positions]
+        names = [motion.muscles.muscles[m] for m in split.positions]
         chosen = split.positions.tolist()
         return Rows(
             value=ca.vertcat(balance[chosen], curve[chosen]),
@@ -234,15 +232,15 @@ class CompliantTendon(MuscleModel):
             scale=_RESIDUAL,
         )
 
-    def _velocity(self, problem: MuscleForceProblem) -> FloatArray:
-        velocity = problem.trajectory.muscle_tendon_velocity
+    def _velocity(self, motion: Motion) -> FloatArray:
+        velocity = motion.trajectory.muscle_tendon_velocity
         return np.zeros(velocity.shape) if self.fiber_velocity == "zero" else velocity
 
-    def _rest(self, group: MuscleGroup, problem: MuscleForceProblem) -> _Rest:
+    def _rest(self, group: MuscleGroup, motion: Motion) -> _Rest:
         """Find the fibers of a group that have no equilibrium at any activation; refuse them if asked to."""
-        muscles, where = problem.muscles, group.positions
-        length = problem.trajectory.muscle_tendon_length[:, where]
-        velocity = self._velocity(problem)[:, where]
+        muscles, where = motion.muscles, group.positions
+        length = motion.trajectory.muscle_tendon_length[:, where]
+        velocity = self._velocity(motion)[:, where]
         columns = repeat_over_frames(group.muscle, len(length))
         shortest = np.broadcast_to(_shortest_along_tendon(group), length.shape)
         least, most = (
@@ -273,22 +271,22 @@ class CompliantTendon(MuscleModel):
         )
         if self.short_fibers == "refuse" and rest.is_at_rest.any():
             raise DataError(
-                f"{_no_equilibrium(rest, group, problem)}; check tendon_slack_length, or choose "
+                f"{_no_equilibrium(rest, group, motion)}; check tendon_slack_length, or choose "
                 "short_fibers='silence'"
             )
         return rest
 
-    def _report(self, rest: _Rest, group: MuscleGroup, problem: MuscleForceProblem) -> None:
+    def _report(self, rest: _Rest, group: MuscleGroup, motion: Motion) -> None:
         """Log which fibers have no equilibrium, or none at their least activation."""
         if rest.is_at_rest.any():
             _LOG.warning(
-                "%s; activation does not change their force there", _no_equilibrium(rest, group, problem)
+                "%s; activation does not change their force there", _no_equilibrium(rest, group, motion)
             )
         if rest.slack_at_least.any():
             _LOG.warning(
                 "the tendons of %s are slack at the least activation in some frames, because damping pushes "
                 "while the fiber shortens; activation is held to what keeps them taut",
-                _names(rest.slack_at_least, group, problem),
+                _names(rest.slack_at_least, group, motion),
             )
 
 
@@ -307,7 +305,7 @@ class _Rest(NamedTuple):
         return self.is_short | self.is_slack
 
 
-def _no_equilibrium(rest: _Rest, group: MuscleGroup, problem: MuscleForceProblem) -> str:
+def _no_equilibrium(rest: _Rest, group: MuscleGroup, motion: Motion) -> str:
     frame, m = (int(i) for i in np.argwhere(rest.is_at_rest)[0])
     why = (
         "its path is too short: the fiber at its shortest pulls as much as the tendon"
@@ -315,14 +313,14 @@ def _no_equilibrium(rest: _Rest, group: MuscleGroup, problem: MuscleForceProblem
         else "its fiber shortens so fast that it pushes, and the tendon is slack"
     )
     return (
-        f"{problem.muscles.muscles[group.positions[m]]!r} has no equilibrium at t = "
-        f"{problem.trajectory.time[frame]:g} s at any activation, because {why} "
-        f"(muscles: {_names(rest.is_at_rest, group, problem)})"
+        f"{motion.muscles.muscles[group.positions[m]]!r} has no equilibrium at t = "
+        f"{motion.trajectory.time[frame]:g} s at any activation, because {why} "
+        f"(muscles: {_names(rest.is_at_rest, group, motion)})"
     )
 
 
-def _names(found: BoolArray, group: MuscleGroup, problem: MuscleForceProblem) -> str:
-    return ", ".join(problem.muscles.muscles[group.positions[i]] for i in np.flatnonzero(found.any(axis=0)))
+def _names(found: BoolArray, group: MuscleGroup, motion: Motion) -> str:
+    return ", ".join(motion.muscles.muscles[group.positions[i]] for i in np.flatnonzero(found.any(axis=0)))
 
 
 class _Split(NamedTuple):

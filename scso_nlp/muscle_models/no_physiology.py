@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from scso_nlp.frame import Frame, MuscleState
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
-from scso_nlp.transcription.frame import Frame, MuscleState
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +22,10 @@ class NoPhysiology(MuscleModel):
     Akhavanfar et al. (2019), eq. 2.
     """
 
-    def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
+    def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force of one frame."""
-        strength = ca.DM(problem.muscles.max_isometric_force)
+        strength = ca.DM(motion.muscles.max_isometric_force)
         return MuscleState(
             tendon_force=strength * frame.activation,
-            passive_force=ca.SX.zeros(problem.muscles.n_muscles, 1),
+            passive_force=ca.SX.zeros(motion.muscles.n_muscles, 1),
         )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
+from scso_nlp.frame import Frame, MuscleState
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.force import rigid_tendon_force_parts
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
@@ -18,11 +20,7 @@ from scso_nlp.muscle_models.muscle_classes import MuscleGroup, curves_of, muscle
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import rigid_tendon_fiber
 from scso_nlp.muscles import MuscleParameters
-from scso_nlp.transcription.frame import Frame, MuscleState
 from scso_nlp.validation import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -79,38 +77,38 @@ class RigidTendon(MuscleModel):
                     f"{name} is {getattr(self, name)!r}, expected {allowed[0]!r} or {allowed[1]!r}"
                 )
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give capacity and passive force [N], and for the physical convention what the fibers do."""
         if self.convention == "opensim":
-            capacity = problem.trajectory.active_force_capacity
-            _report_pushing(np.minimum(capacity, 0.0), problem.muscles)
+            capacity = motion.trajectory.active_force_capacity
+            _report_pushing(np.minimum(capacity, 0.0), motion.muscles)
             return {"active_force": capacity}
         return rigid_fiber_data(
-            problem,
-            muscle_groups(problem.muscles),
-            problem.trajectory.muscle_tendon_velocity,
+            motion,
+            muscle_groups(motion.muscles),
+            motion.trajectory.muscle_tendon_velocity,
             passive_force=self.passive_force,
             short_fibers=self.short_fibers,
         )
 
-    def notes(self, problem: MuscleForceProblem) -> tuple[str, ...]:
+    def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say what becomes of passive fiber force."""
         if self.convention == "opensim":
             return ("passive fiber force and damping are left out, as in OpenSim's static optimization",)
         return (f"passive fiber force and damping are {self.passive_force.replace('_', ' ')}",)
 
-    def state(self, frame: Frame, problem: MuscleForceProblem) -> MuscleState:
+    def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force of one frame."""
         if self.convention == "opensim":
-            nothing = ca.SX.zeros(problem.muscles.n_muscles, 1)
+            nothing = ca.SX.zeros(motion.muscles.n_muscles, 1)
             return MuscleState(
                 tendon_force=frame.data["active_force"] * frame.activation, passive_force=nothing
             )
-        return rigid_fiber_state(frame, muscle_groups(problem.muscles))
+        return rigid_fiber_state(frame, muscle_groups(motion.muscles))
 
 
 def rigid_fiber_data(
-    problem: MuscleForceProblem,
+    motion: Motion,
     groups: Sequence[MuscleGroup],
     velocity: FloatArray,
     *,
@@ -121,7 +119,7 @@ def rigid_fiber_data(
 
     Parameters
     ----------
-    problem : MuscleForceProblem
+    motion : Motion
     groups : sequence of MuscleGroup
         The muscles to evaluate; all others get zeros.
     velocity : ndarray, shape (n_frames, n_muscles) [m/s]
@@ -147,12 +145,12 @@ def rigid_fiber_data(
     data = {name: np.zeros(velocity.shape) for name in names}
     for group in groups:
         where = group.positions
-        parts = _evaluate(group, problem, velocity[:, where], short_fibers)
+        parts = _evaluate(group, motion, velocity[:, where], short_fibers)
         for name, values in zip(names, parts, strict=True):
             data[name][:, where] = values
     if passive_force == "left_out":
         data["passive_force"][:] = 0.0
-    muscles = problem.muscles
+    muscles = motion.muscles
     least = np.where(
         [curves_of(c).FORCE_VELOCITY_DEPENDS_ON_ACTIVATION for c in muscles.muscle_class],
         0.0,  # its multiplier is never negative, and may vanish
@@ -217,20 +215,20 @@ def _largest_velocity(group: MuscleGroup) -> ca.DM:
 
 
 def _evaluate(
-    group: MuscleGroup, problem: MuscleForceProblem, velocity: FloatArray, short_fibers: str
+    group: MuscleGroup, motion: Motion, velocity: FloatArray, short_fibers: str
 ) -> tuple[FloatArray, ...]:
     """Evaluate one class, (n_frames, n_group): both forces, fiber length, cosine and velocity."""
-    length = problem.trajectory.muscle_tendon_length[:, group.positions]
+    length = motion.trajectory.muscle_tendon_length[:, group.positions]
     muscle = repeat_over_frames(group.muscle, len(length))
     fiber_length, cosine, fiber_velocity = (
         on_arrays(lambda ell, v, i=i: rigid_tendon_fiber(muscle, ell, v)[i], length, velocity)
         for i in range(3)
     )
     shortest = ca.DM(group.muscle.curves.min_fiber_length(group.muscle)).full().ravel()
-    slack = problem.muscles.tendon_slack_length[group.positions]
+    slack = motion.muscles.tendon_slack_length[group.positions]
     short = (length <= slack) | (fiber_length <= shortest)
     if short.any():
-        _report_short(short, group, problem, short_fibers)
+        _report_short(short, group, motion, short_fibers)
     # For a curve that depends on activation the velocity of the active part is zero: factor 1.
     active_velocity = np.zeros(velocity.shape) if _depends_on_activation(group) else velocity
     active, passive = (
@@ -241,14 +239,12 @@ def _evaluate(
     return active, passive, fiber_length, cosine, fiber_velocity
 
 
-def _report_short(
-    short: BoolArray, group: MuscleGroup, problem: MuscleForceProblem, short_fibers: str
-) -> None:
+def _report_short(short: BoolArray, group: MuscleGroup, motion: Motion, short_fibers: str) -> None:
     frame, m = (int(i) for i in np.argwhere(short)[0])
-    names = [problem.muscles.muscles[group.positions[i]] for i in np.flatnonzero(short.any(axis=0))]
+    names = [motion.muscles.muscles[group.positions[i]] for i in np.flatnonzero(short.any(axis=0))]
     text = (
-        f"the path of {problem.muscles.muscles[group.positions[m]]!r} is too short for a rigid tendon at "
-        f"t = {problem.trajectory.time[frame]:g} s: its fiber would be at or below its shortest length "
+        f"the path of {motion.muscles.muscles[group.positions[m]]!r} is too short for a rigid tendon at "
+        f"t = {motion.trajectory.time[frame]:g} s: its fiber would be at or below its shortest length "
         f"(muscles: {', '.join(names)})"
     )
     if short_fibers == "refuse":

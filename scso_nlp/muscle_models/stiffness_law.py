@@ -11,12 +11,13 @@ import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.frame import Frame
+from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
@@ -29,11 +30,7 @@ from scso_nlp.muscle_models.stiffness import (
     stiffness_along_tendon,
     tendon_stiffness_at_force,
 )
-from scso_nlp.transcription.frame import Frame
 from scso_nlp.validation import FloatArray, positions
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 #: A fiber is taken to be at least this long [optimal fiber lengths], where its path is too short for its
 #: tendon: OpenSim's own least length of fibers without pennation.
@@ -43,12 +40,12 @@ _SHORTEST_FIBER = 0.01
 class StiffnessLaw(abc.ABC):
     """From a muscle's state to its stiffness along the path."""
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give data per frame that the law needs in ``frame.data``; none by default."""
         return {}
 
     @abc.abstractmethod
-    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+    def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle, shape (n_muscles, 1) [N/m]."""
 
 
@@ -102,9 +99,9 @@ class ProportionalStiffness(StiffnessLaw):
             raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for all")
         return gains
 
-    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+    def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle, affine in force."""
-        gains = ca.DM(self.gains(problem.trajectory.muscles))
+        gains = ca.DM(self.gains(motion.trajectory.muscles))
         return gains * frame.muscle.tendon_force / frame.muscle_tendon_length
 
 
@@ -147,15 +144,15 @@ class ShortRangeStiffness(StiffnessLaw):
         if not (math.isfinite(self.constant) and self.constant > 0):
             raise ProblemError(f"constant is {self.constant:g}, expected a positive number")
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give fiber length and pennation with a rigid tendon."""
-        return _rigid_fibers(problem)
+        return _rigid_fibers(motion)
 
-    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+    def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle [N/m]."""
         fiber_length, cosine = _fibers(frame)
-        stiffness = ca.SX(problem.muscles.n_muscles, 1)
-        for group in muscle_groups(problem.muscles):
+        stiffness = ca.SX(motion.muscles.n_muscles, 1)
+        for group in muscle_groups(motion.muscles):
             where = group.positions.tolist()
             stiffness[where] = short_range_stiffness(
                 group.muscle,
@@ -192,15 +189,15 @@ class FiberStiffness(StiffnessLaw):
     OpenSim 4.6, ``Muscle.cpp``, calcMuscleStiffness.
     """
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give fiber length and pennation with a rigid tendon."""
-        return _rigid_fibers(problem)
+        return _rigid_fibers(motion)
 
-    def stiffness(self, frame: Frame, problem: MuscleForceProblem) -> ca.SX:
+    def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle [N/m]."""
         fiber_length, cosine = _fibers(frame)
-        stiffness = ca.SX(problem.muscles.n_muscles, 1)
-        for group in muscle_groups(problem.muscles):
+        stiffness = ca.SX(motion.muscles.n_muscles, 1)
+        for group in muscle_groups(motion.muscles):
             where = group.positions.tolist()
             muscle, force = group.muscle, frame.muscle.tendon_force[where]
             velocity = frame.muscle_tendon_velocity[where] * cosine[where]
@@ -216,11 +213,11 @@ class FiberStiffness(StiffnessLaw):
         return stiffness
 
 
-def _rigid_fibers(problem: MuscleForceProblem) -> dict[str, FloatArray]:
+def _rigid_fibers(motion: Motion) -> dict[str, FloatArray]:
     """Fiber length [m] and cosine of pennation with a tendon of slack length, (n_frames, n_muscles)."""
-    length = problem.trajectory.muscle_tendon_length
+    length = motion.trajectory.muscle_tendon_length
     data = {"rigid_fiber_length": np.zeros(length.shape), "rigid_cos_pennation": np.ones(length.shape)}
-    for group in muscle_groups(problem.muscles):
+    for group in muscle_groups(motion.muscles):
         fiber, cosine = _rigid_fibers_of(group, length[:, group.positions])
         data["rigid_fiber_length"][:, group.positions] = fiber
         data["rigid_cos_pennation"][:, group.positions] = cosine

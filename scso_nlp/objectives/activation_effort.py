@@ -6,18 +6,15 @@ import fnmatch
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.frame import Frame, Rows, VariableSpec
+from scso_nlp.motion import Motion
 from scso_nlp.objectives.objective import FrameObjective
-from scso_nlp.transcription.frame import Frame, Rows, VariableSpec
 from scso_nlp.validation import FloatArray, positions
-
-if TYPE_CHECKING:
-    from scso_nlp.problem import MuscleForceProblem
 
 #: Exponents above this one are approached from half the exponent: a^p is flat far from the optimum.
 _STEEP_EXPONENT = 4.0
@@ -77,9 +74,9 @@ class ActivationEffort(FrameObjective):
         if isinstance(self.weights, str) and self.weights not in ("volume", "pcsa"):
             raise ProblemError(f"weights is {self.weights!r}, expected 'volume', 'pcsa' or a mapping")
 
-    def data(self, problem: MuscleForceProblem) -> Mapping[str, FloatArray]:
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Weights of muscles and actuators, the same in every frame."""
-        muscles = problem.muscles
+        muscles = motion.muscles
         negative = np.flatnonzero(muscles.min_activation < 0)
         if negative.size and not 2 <= self.exponent < math.inf:
             first = int(negative[0])
@@ -88,11 +85,11 @@ class ActivationEffort(FrameObjective):
                 f"{muscles.muscles[first]!r} is {muscles.min_activation[first]:g}; raise the bound, or take "
                 "a finite exponent of at least 2"
             )
-        weights = self._weights(problem)
-        return {"weights": np.broadcast_to(weights, (problem.trajectory.n_frames, weights.size))}
+        weights = self._weights(motion)
+        return {"weights": np.broadcast_to(weights, (motion.trajectory.n_frames, weights.size))}
 
-    def _weights(self, problem: MuscleForceProblem) -> FloatArray:
-        muscles, actuators = problem.muscles, problem.actuators
+    def _weights(self, motion: Motion) -> FloatArray:
+        muscles, actuators = motion.muscles, motion.actuators
         names = muscles.muscles + actuators.actuators
         weights = np.ones(len(names))
         if isinstance(self.weights, str):
@@ -114,12 +111,12 @@ class ActivationEffort(FrameObjective):
                 weights[hits or positions("muscle or actuator", [pattern], names)] = weight
         return weights
 
-    def variables(self, problem: MuscleForceProblem) -> tuple[VariableSpec, ...]:
+    def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
         """Largest effort for min/max; both signs of controls apart where the power has no curvature at 0."""
         if math.isinf(self.exponent):
             return (VariableSpec(name="largest", labels=("largest_effort",), lower=0.0, guess=1.0),)
-        if self.exponent < 2 and problem.actuators.n_actuators:
-            names = problem.actuators.actuators
+        if self.exponent < 2 and motion.actuators.n_actuators:
+            names = motion.actuators.actuators
             return tuple(
                 VariableSpec(
                     name=sign, labels=tuple(f"{name}_{sign}" for name in names), lower=0.0, guess=1.0

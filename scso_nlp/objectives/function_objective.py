@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from scso_nlp.frame import Frame
 from scso_nlp.objectives.objective import FrameObjective
-from scso_nlp.transcription.frame import Frame
 
 
 @dataclass(frozen=True, kw_only=True)

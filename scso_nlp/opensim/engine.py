@@ -31,6 +31,7 @@ from scso_nlp import exceptions
 from scso_nlp.exceptions import DataError, EngineError, NameMismatchError, ScsoError
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
@@ -57,8 +58,6 @@ PATIENCE = 5.0
 CONTRADICTION = 0.05
 #: Lines of OpenSim's log that an error message quotes.
 QUOTED_LINES = 3
-
-Motion = tuple[MotionTrajectory, MuscleParameters, ActuatorParameters]
 
 
 def load_motion(
@@ -89,7 +88,7 @@ def load_motion(
 
     Returns
     -------
-    MotionTrajectory, MuscleParameters, ActuatorParameters
+    Motion
 
     Raises
     ------
@@ -128,7 +127,7 @@ def load_motion(
     except OSError as error:
         raise DataError(f"the cache folder {folder} cannot be made: {error.strerror or error}") from None
     result = _extract(checked, processes, progress)
-    save_bundle(bundle, *result, provenance=provenance)
+    save_bundle(bundle, result, provenance=provenance)
     return result
 
 
@@ -634,7 +633,7 @@ def _assemble(motion: MotionInput, results: list[dict[str, np.ndarray]]) -> Moti
         actuators=actuator_names,
         **{name: np.array(values, dtype=float) for name, values in header["actuator_parameters"].items()},
     )
-    return trajectory, muscles, actuators
+    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
 
 
 def _report_contradictions(motion: MotionInput, headers: list[dict[str, Any]]) -> None:

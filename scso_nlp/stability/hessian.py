@@ -5,6 +5,7 @@ r"""The Hessian of the potential energy over chosen coordinates, and what can be
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
-from scso_nlp.validation import FloatArray, IntArray, positions
+from scso_nlp.validation import FloatArray, positions
 
 #: Coordinates whose share of a turn is below this are not named [-].
 _LEAST_SHARE = 0.15
@@ -38,32 +39,26 @@ class HessianTerms:
     constant: FloatArray
     path_length: FloatArray
 
-    def frames(self, which: IntArray) -> HessianTerms:
-        """Keep some frames."""
-        return HessianTerms(
-            coordinates=self.coordinates,
-            curvature=self.curvature[which],
-            moment_arms=self.moment_arms[which],
-            constant=self.constant[which],
-            path_length=self.path_length[which],
-        )
-
-    def along(self, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Restrict to directions v: curvature v'Cv, moment arms r'v and constant v'Kv.
+    def rows_of_coordinates(self, muscles: tuple[str, ...]) -> StabilityRows:
+        """Make a stability row of each coordinate; what is constant stands as (negative) external work.
 
         Parameters
         ----------
-        directions : ndarray, shape (n_frames, n_directions, n)
+        muscles : tuple of str
 
         Returns
         -------
-        curvature, moment_arms : ndarray, shape (n_frames, n_directions, n_muscles)
-        constant : ndarray, shape (n_frames, n_directions)
+        StabilityRows
         """
-        curvature = np.einsum("kdi,kijm,kdj->kdm", directions, self.curvature, directions, optimize=True)
-        moment_arms = directions @ self.moment_arms
-        constant = np.einsum("kdi,kij,kdj->kd", directions, self.constant, directions, optimize=True)
-        return curvature, moment_arms, constant
+        each = np.arange(len(self.coordinates))
+        return StabilityRows(
+            rows=self.coordinates,
+            muscles=muscles,
+            curvature=self.curvature[:, each, each],
+            moment_arms=self.moment_arms,
+            path_length=self.path_length,
+            external_work=-self.constant[:, each, each],
+        )
 
     def hessian(self, tendon_force: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Put the Hessian together.
@@ -141,36 +136,21 @@ def require_curvature(trajectory: MotionTrajectory) -> CoordinateCurvature:
     return trajectory.curvature
 
 
-def rows_along(
-    terms: HessianTerms,
-    directions: FloatArray,
-    names: tuple[str, ...],
-    muscles: tuple[str, ...],
-    notes: tuple[str, ...] = (),
-) -> StabilityRows:
-    """Make stability rows of directions; what is constant stands as (negative) external work.
+def chosen_coordinates(trajectory: MotionTrajectory, chosen: Sequence[str] | None) -> tuple[str, ...]:
+    """Name the coordinates chosen, all those with curvature for None; see :func:`require_curvature`."""
+    return require_curvature(trajectory).coordinates if chosen is None else tuple(chosen)
 
-    Parameters
-    ----------
-    terms : HessianTerms
-    directions : ndarray, shape (n_frames, n_rows, n_coordinates) [-]
-    names, muscles, notes : tuple of str
-        As in :class:`StabilityRows`.
 
-    Returns
-    -------
-    StabilityRows
-    """
-    curvature, moment_arms, constant = terms.along(directions)
-    return StabilityRows(
-        rows=names,
-        muscles=muscles,
-        curvature=curvature,
-        moment_arms=moment_arms,
-        path_length=terms.path_length,
-        external_work=-constant,
-        notes=notes,
-    )
+def curvature_notes(trajectory: MotionTrajectory) -> tuple[str, ...]:
+    """Say over which coordinates curvature is known, and in how many frames it is doubtful, by muscle."""
+    curvature = require_curvature(trajectory)
+    notes = [f"stability over the coordinates {', '.join(curvature.coordinates)}"]
+    frames = curvature.is_uncertain.any(axis=1)
+    if frames.any():
+        muscles = np.flatnonzero(curvature.is_uncertain.any(axis=0))
+        names = ", ".join(trajectory.muscles[m] for m in muscles)
+        notes.append(f"path curvature is uncertain in {frames.sum()} frames, where paths change: {names}")
+    return tuple(notes)
 
 
 def smallest_eigenvalues(hessian: FloatArray) -> tuple[FloatArray, FloatArray]:

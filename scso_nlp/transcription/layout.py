@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
+from scso_nlp.frame import Frame, MuscleState, VariableSpec
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.transcription.frame import Frame, MuscleState, VariableSpec
 from scso_nlp.validation import FloatArray
 
 #: All frames, as an index.
@@ -49,6 +49,11 @@ class Layout:
     def size(self) -> int:
         """Number of unknowns of one frame."""
         return sum(block.size for block in self.blocks)
+
+    def extended(self, owner: str, spec: VariableSpec, n_frames: int) -> Layout:
+        """Add unknowns at the end."""
+        _check_spec(owner, spec, n_frames)
+        return Layout(blocks=(*self.blocks, Block(owner=owner, spec=spec, start=self.size)))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -87,7 +92,8 @@ PROBLEM = "problem"
 
 def make_layout(problem: MuscleForceProblem) -> Layout:
     """Order the unknowns: activations, controls, then those of the muscle model and of each term."""
-    muscles, actuators = problem.muscles, problem.actuators
+    motion = problem.motion
+    muscles, actuators = motion.muscles, motion.actuators
     guess = np.clip(0.1, muscles.min_activation, muscles.max_activation)
     wanted = [
         (
@@ -111,14 +117,15 @@ def make_layout(problem: MuscleForceProblem) -> Layout:
             ),
         ),
     ]
-    for term in (problem.muscle_model, *problem.objectives, *problem.constraints):
-        wanted += [(term.name, spec) for spec in term.variables(problem)]
-    blocks, start = [], 0
+    for term in problem.terms:
+        specs = term.variables(motion)
+        if specs and term.name in {t.name for t in problem.observed}:
+            raise ProblemError(f"{term.name} has unknowns of its own and cannot be observed")
+        wanted += [(term.name, spec) for spec in specs]
+    layout = Layout(blocks=())
     for owner, spec in wanted:
-        _check_spec(owner, spec, problem.trajectory.n_frames)
-        blocks.append(Block(owner=owner, spec=spec, start=start))
-        start += len(spec.labels)
-    return Layout(blocks=tuple(blocks))
+        layout = layout.extended(owner, spec, motion.n_frames)
+    return layout
 
 
 def _check_spec(owner: str, spec: VariableSpec, n_frames: int) -> None:
@@ -160,7 +167,7 @@ class FrameSymbols:
     def frame(self, problem: MuscleForceProblem) -> Frame:
         """Make the frame that the muscle model has completed."""
         bare = self._for(problem.muscle_model.name, self._bare())
-        state = problem.muscle_model.state(bare, problem)
+        state = problem.muscle_model.state(bare, problem.motion)
         return replace(self._bare(), muscle=state)
 
     def for_term(self, name: str, frame: Frame) -> Frame:
@@ -192,10 +199,7 @@ class FrameSymbols:
 
 
 def make_symbols(
-    problem: MuscleForceProblem,
-    layout: Layout,
-    arrays: Mapping[tuple[str, str], FloatArray],
-    suffix: str = "",
+    layout: Layout, arrays: Mapping[tuple[str, str], FloatArray], suffix: str = ""
 ) -> FrameSymbols:
     """Create the symbols of one frame for the given data arrays (frames first)."""
     data = {key: ca.SX.sym(f"{key[1]}{suffix}", *_shape(array)) for key, array in arrays.items()}
@@ -204,7 +208,8 @@ def make_symbols(
 
 def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArray]:
     """All given arrays of a problem by owner and name, frames first."""
-    trajectory = problem.trajectory
+    motion = problem.motion
+    trajectory = motion.trajectory
     arrays: dict[tuple[str, str], FloatArray] = {
         (PROBLEM, name): getattr(trajectory, name)
         for name in (
@@ -215,8 +220,8 @@ def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArra
             "muscle_tendon_velocity",
         )
     }
-    for term in (problem.muscle_model, *problem.objectives, *problem.constraints):
-        for name, values in term.data(problem).items():
+    for term in problem.terms:
+        for name, values in term.data(motion).items():
             array = np.asarray(values, dtype=float)
             if array.ndim == 0 or array.shape[0] != trajectory.n_frames:
                 raise DataError(

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from scso_nlp.cli.compare import compare
 from scso_nlp.cli.report import report
-from scso_nlp.io.results import write_solution
+from scso_nlp.report.results import write_solution
 
 APP = typer.Typer()
 APP.command()(compare)

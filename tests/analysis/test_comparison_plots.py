@@ -131,7 +131,7 @@ def test_a_sweep_has_a_point_per_value_and_a_line_for_the_reference():
 
 def test_contributions_of_muscles_minus_the_load_add_up_to_the_stability_of_each_row():
     solution = solution_by_hand(5, failed=(2,), n_pairs=2)
-    length = np.linalg.norm(np.diff(solution.problem.trajectory.skeleton.path_points[0, 0], axis=0))
+    length = np.linalg.norm(np.diff(solution.problem.motion.trajectory.skeleton.path_points[0, 0], axis=0))
     quantities = {"JointStability.muscle_stiffness": 5.0 * solution.tendon_force / length}
     solution = dataclasses.replace(solution, quantities=quantities)
     found = plots.stability_contributions(solution)
@@ -153,7 +153,7 @@ def test_contributions_need_stability_rows_and_a_solved_frame():
 
 
 def test_muscle_lines_run_through_the_path_points_and_carry_their_activation():
-    skeleton = antagonists(3)[0].skeleton
+    skeleton = antagonists(3).trajectory.skeleton
     activation = np.array([[0.1, 0.2], [0.6, 0.3], [0.0, 0.4]])
     figure = drawn(plots.plot_muscle_lines(skeleton, activation, [1], titles=["start"]))
     side, front = (panel for panel in figure.axes[:2])
@@ -177,7 +177,7 @@ def test_muscle_lines_run_through_the_path_points_and_carry_their_activation():
 )
 def test_muscle_lines_refuse_frames_that_are_not_there(frames, titles, message):
     with pytest.raises(DataError, match=message):
-        plots.plot_muscle_lines(antagonists(3)[0].skeleton, np.zeros((3, 2)), frames, titles=titles)
+        plots.plot_muscle_lines(antagonists(3).trajectory.skeleton, np.zeros((3, 2)), frames, titles=titles)
 
 
 def test_no_two_results_look_alike():

@@ -10,10 +10,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import antagonists, solution_by_hand
 
-from scso_nlp.analysis.moment_balance import moment_balance
 from scso_nlp.analysis.plots import HorizontalAxis, plot_activations, plot_moments, plot_stability
-from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.solve import observe
 
 
 def lines(panel):
@@ -24,11 +23,11 @@ def test_every_muscle_has_one_titled_panel_with_its_own_activation():
     solution = solution_by_hand(n_pairs=3)
     figure = plot_activations(solution)
     titles = [panel.get_title(loc="left") for panel in figure.axes]
-    assert tuple(titles) == solution.problem.trajectory.muscles
+    assert tuple(titles) == solution.problem.motion.trajectory.muscles
     for m, panel in enumerate(figure.axes):
         (line,) = panel.get_lines()
         np.testing.assert_array_equal(line.get_ydata(), solution.activation[:, m])
-        np.testing.assert_array_equal(line.get_xdata(), solution.problem.trajectory.time)
+        np.testing.assert_array_equal(line.get_xdata(), solution.problem.motion.trajectory.time)
 
 
 def test_the_baseline_is_drawn_and_named():
@@ -57,7 +56,7 @@ def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
     figure = plot_moments(solution)
     for c, panel in enumerate(figure.axes):
         drawn = lines(panel)
-        required = solution.problem.trajectory.generalized_forces[:, c]
+        required = solution.problem.motion.trajectory.generalized_forces[:, c]
         np.testing.assert_array_equal(drawn["required"].get_ydata(), required)
         np.testing.assert_allclose(drawn["muscles"].get_ydata(), 0.9 * required, atol=1e-12)
         np.testing.assert_allclose(drawn["reserves"].get_ydata(), 0.1 * required, atol=1e-12)
@@ -66,7 +65,8 @@ def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
 
 def test_active_frames_of_a_stability_row_are_marked():
     solution = solution_by_hand()
-    figure = plot_stability(solution, baseline=solution_by_hand(stability=False, tonus=0.0))
+    baseline = observe(solution_by_hand(stability=False, tonus=0.0), solution.problem.constraints[1])
+    figure = plot_stability(solution, baseline=baseline)
     (panel,) = figure.axes
     drawn = lines(panel)
     # at level 10 the row is active where the moment is zero: frames 0, 2 and 4
@@ -83,7 +83,7 @@ def test_no_stability_rows_is_an_error_that_says_so():
 def test_a_baseline_of_another_motion_is_refused():
     with pytest.raises(NameMismatchError, match="other muscles or another number of frames"):
         plot_activations(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
-    with pytest.raises(NameMismatchError, match="differ in muscles or frames"):
+    with pytest.raises(NameMismatchError, match="other muscles or another number of frames"):
         plot_stability(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
 
 
@@ -100,8 +100,13 @@ def test_the_horizontal_axis_can_be_something_else_than_time():
 
 def test_a_clock_that_counts_from_long_ago_starts_at_zero():
     solution = solution_by_hand(5)
-    trajectory = replace(solution.problem.trajectory, time=solution.problem.trajectory.time + 1667315995.25)
-    late = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
+    trajectory = replace(
+        solution.problem.motion.trajectory, time=solution.problem.motion.trajectory.time + 1667315995.25
+    )
+    late = replace(
+        solution,
+        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+    )
     figure = plot_activations(late)
     assert figure.get_supxlabel() == "Time since t = 1667315995.250 s [s]"
     assert figure.axes[0].get_xlim()[0] < 1
@@ -151,7 +156,7 @@ def test_figures_are_made_without_pyplot_and_in_threads():
 
 def test_the_moment_balance_adds_up_and_knows_its_unit():
     solution = solution_by_hand(n_pairs=2, failed=(1,))
-    balance = moment_balance(solution)
+    balance = solution.moment_balance
     assert balance.unit == ("N·m", "N·m")
     solved = solution.is_solved
     np.testing.assert_allclose(
@@ -163,25 +168,24 @@ def test_the_moment_balance_adds_up_and_knows_its_unit():
 
 def test_a_coordinate_that_needs_no_moment_has_no_share():
     solution = solution_by_hand()
-    trajectory = replace(solution.problem.trajectory, generalized_forces=np.zeros((5, 1)))
-    solution = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
-    assert np.isnan(moment_balance(solution).actuator_share).all()
+    balance = replace(solution.moment_balance, required=np.zeros((5, 1)))
+    assert np.isnan(balance.actuator_share).all()
 
 
 def test_stability_of_a_baseline_is_evaluated_at_its_own_forces():
     solution, baseline = solution_by_hand(), solution_by_hand(stability=False, tonus=0.02)
-    assert stability_margin(baseline) is None
-    margin = stability_margin(baseline, rows_of=solution)
+    assert baseline.stability is None
+    margin = observe(baseline, solution.problem.constraints[1]).stability
     # two muscles of 20 N at 0.1 N·m/rad per newton where the moment is zero
     assert margin.stability[0, 0] == pytest.approx(4.0)
     assert margin.margin[0, 0] == pytest.approx(-6.0)
-    own = stability_margin(solution, rows_of=solution)
+    own = solution.stability
     np.testing.assert_array_equal(own.stability, solution.rows["JointStability"].value)
     assert own.is_active[:, 0].tolist() == [True, False, True, False, True]
 
 
 def test_the_motion_made_by_hand_has_one_hinge_per_pair():
-    trajectory, muscles, actuators = antagonists(3, n_pairs=2)
-    assert trajectory.n_frames == 3
-    assert muscles.n_muscles == 4
-    assert actuators.n_actuators == 2
+    motion = antagonists(3, n_pairs=2)
+    assert motion.n_frames == 3
+    assert motion.muscles.n_muscles == 4
+    assert motion.actuators.n_actuators == 2

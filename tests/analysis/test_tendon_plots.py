@@ -21,18 +21,18 @@ def test_differences_are_taken_muscle_by_muscle_over_frames_that_both_have_solve
     by = np.zeros((5, n))
     by[0, 0], by[2, 0], by[1, 1] = 3.0, -4.0, 100.0
     difference = tendon_force_difference(shifted(solution_by_hand(n_frames=5), by), reference)
-    assert difference.muscles == reference.problem.trajectory.muscles
+    assert difference.muscles == reference.problem.motion.trajectory.muscles
     np.testing.assert_allclose(difference.largest, [4.0] + [0.0] * (n - 1), atol=1e-9)
     np.testing.assert_allclose(difference.root_mean_square[0], np.sqrt(25 / 4), rtol=1e-9)
 
 
 def test_every_muscle_has_a_panel_with_one_line_per_solution_and_its_difference():
     rigid = solution_by_hand(n_frames=7, failed=(2,))
-    strength = rigid.problem.muscles.max_isometric_force
+    strength = rigid.problem.motion.muscles.max_isometric_force
     figure = plot_tendon_forces({"rigid": rigid, "elastic": shifted(rigid, 0.05 * strength)}, title="walk")
     FigureCanvasAgg(figure).draw()
     assert len(figure.axes) == len(strength)
-    for m, (name, panel) in enumerate(zip(rigid.problem.trajectory.muscles, figure.axes, strict=True)):
+    for m, (name, panel) in enumerate(zip(rigid.problem.motion.trajectory.muscles, figure.axes, strict=True)):
         first, second = panel.get_lines()
         assert (first.get_label(), second.get_label()) == ("rigid", "elastic")
         assert np.flatnonzero(np.isnan(first.get_ydata())).tolist() == [2]
@@ -45,7 +45,7 @@ def test_every_muscle_has_a_panel_with_one_line_per_solution_and_its_difference(
 def test_one_solution_alone_has_nothing_to_differ_from():
     solution = solution_by_hand()
     panel = plot_tendon_forces({"rigid": solution}).axes[0]
-    assert panel.get_title(loc="left") == solution.problem.trajectory.muscles[0]
+    assert panel.get_title(loc="left") == solution.problem.motion.trajectory.muscles[0]
 
 
 def test_solutions_of_other_motions_are_refused():

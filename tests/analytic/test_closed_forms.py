@@ -70,8 +70,7 @@ def test_many_coordinates_give_the_weighted_pseudo_inverse(solve, rng):
     trajectory = motion(arms, moments)
     names = trajectory.muscles
     problem = scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(names, strength, lower=-1.0),
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(names, strength, lower=-1.0)),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(weights=dict(zip(names, weights, strict=True))),),
     )
@@ -90,7 +89,7 @@ def test_two_antagonists_stiffen_a_joint_by_co_contraction_whatever_the_exponent
     solve, exponent, moment, forces
 ):
     solution = solve(two_antagonists(moment, exponent=exponent))
-    strength = solution.problem.muscles.max_isometric_force
+    strength = solution.problem.motion.muscles.max_isometric_force
     # At p = 1 and above p = 100 the objective is flat; elsewhere the two rows fix both forces.
     tolerance = max(TOLERANCE.get(exponent, 1e-6), 1e-6) * strength.max()
     np.testing.assert_allclose(solution.tendon_force[0], forces, atol=tolerance)
@@ -121,8 +120,10 @@ def test_three_elbow_flexors_share_force_as_the_classical_criteria_say():
         # The printed forces of each case balance a moment of about 20 N·m, known to their own digits.
         moment = float(np.dot(arms, expected))
         problem = scso.MuscleForceProblem(
-            trajectory=motion(arms[None, None, :], [[moment]]),
-            muscles=muscle_parameters(("m1", "m2", "m3"), 1000.0 * size / size.max()),
+            motion=scso.Motion(
+                trajectory=motion(arms[None, None, :], [[moment]]),
+                muscles=muscle_parameters(("m1", "m2", "m3"), 1000.0 * size / size.max()),
+            ),
             muscle_model=scso.NoPhysiology(),
             objectives=(scso.ActivationEffort(exponent=exponent),),
         )

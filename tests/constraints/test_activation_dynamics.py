@@ -17,9 +17,9 @@ EXCITATION = "ActivationDynamics.excitation"
 OPTIONS = scso.SolverOptions(tolerance=1e-10, max_iterations=2000)
 
 
-def rate(excitation, activation, rise, fall):
-    """De Groote et al. (2016), written out in NumPy."""
-    f = 0.5 * np.tanh(0.1 * (excitation - activation))
+def rate(excitation, activation, rise, fall, smoothness=10.0):
+    """De Groote et al. (2016), written out in NumPy, with the smoothness that OpenSim 4.6 recommends."""
+    f = 0.5 * np.tanh(smoothness * (excitation - activation))
     z = 0.5 + 1.5 * activation
     return (1 / (rise * z) * (f + 0.5) + z / fall * (0.5 - f)) * (excitation - activation)
 
@@ -54,8 +54,7 @@ def one_muscle(times, activation_target):
         motion(np.full((len(times), 1, 1), 0.05), 0.05 * strength * activation_target[:, None]), time=times
     )
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, strength),
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, strength)),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(exponent=2.0),),
         constraints=(scso.MomentEquilibrium(), scso.ActivationDynamics()),
@@ -74,11 +73,13 @@ def test_rows_are_the_trapezoidal_rule_of_the_models_time_constants(rng):
     time = np.array([0.0, 0.01, 0.04, 0.05])
     problem = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(problem.trajectory, time=time),
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, time=time)
+        ),
         constraints=(scso.ActivationDynamics(),),
     )
     a, e = rng.uniform(0.05, 0.9, (2, 4, 5))
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     rates = rate(e, a, muscles.activation_time_constant, muscles.deactivation_time_constant)
     expected = np.diff(a, axis=0) - 0.5 * np.diff(time)[:, None] * (rates[:-1] + rates[1:])
     np.testing.assert_allclose(residual(problem, a, e), expected, rtol=1e-12, atol=1e-14)
@@ -145,17 +146,19 @@ def test_activation_rises_and_falls_no_faster_than_full_and_no_excitation_let_it
     wanted = np.where(times < 0.1, 0.0, 1.0)
     problem = one_muscle(times, wanted)
     trajectory = dataclasses.replace(
-        problem.trajectory,
+        problem.motion.trajectory,
         actuators=("reserve",),
         actuator_generalized_forces=np.full((81, 1, 1), 50.0),
     )
     problem = dataclasses.replace(
         problem,
-        trajectory=trajectory,
-        actuators=scso.ActuatorParameters(
-            actuators=("reserve",), optimal_force=[50.0], min_control=[-np.inf], max_control=[np.inf]
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=trajectory,
+            actuators=scso.ActuatorParameters(
+                actuators=("reserve",), optimal_force=[50.0], min_control=[-np.inf], max_control=[np.inf]
+            ),
         ),
-        # The reserve is what costs: activation comes as near to the jump as it can.
         objectives=(lambda frame: frame.control[0] ** 2,),
     )
     solution = scso.solve_trajectory(problem, options=OPTIONS)
@@ -178,11 +181,13 @@ def test_coupling_never_costs_less_and_costs_more_where_it_binds(rng):
     assert coupled.objective > free.objective * (1 + 1e-3)
     # With time constants near zero there is no coupling left: excitation and activation are one.
     quick = dataclasses.replace(
-        problem.muscles,
+        problem.motion.muscles,
         activation_time_constant=np.full(6, 1e-6),
         deactivation_time_constant=np.full(6, 1e-6),
     )
-    loose = scso.solve_trajectory(dataclasses.replace(dynamic, muscles=quick))
+    loose = scso.solve_trajectory(
+        dataclasses.replace(dynamic, motion=dataclasses.replace(problem.motion, muscles=quick))
+    )
     assert loose.objective >= free.objective * (1 - 1e-6)
     assert loose.objective == pytest.approx(free.objective, rel=1e-4)
 
@@ -247,8 +252,9 @@ def test_a_sharp_transition_gives_thelens_rates(rng):
     ):
         found = [float(activation_rate(x, y, 0.01, 0.04, 200.0)) for x, y in zip(e, a, strict=True)]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
-        soft = [float(activation_rate(x, y, 0.01, 0.04)) for x, y in zip(e, a, strict=True)]
-        np.testing.assert_allclose(soft, rate(e, a, 0.01, 0.04), rtol=1e-13)
+        for b in (0.1, 10.0):
+            soft = [float(activation_rate(x, y, 0.01, 0.04, b)) for x, y in zip(e, a, strict=True)]
+            np.testing.assert_allclose(soft, rate(e, a, 0.01, 0.04, b), rtol=1e-13)
 
 
 @pytest.mark.parametrize("smoothness", [0.0, -1.0, np.nan, np.inf])

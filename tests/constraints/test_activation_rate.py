@@ -23,10 +23,15 @@ def jump(times, *, up, bounds):
         motion(np.full((n, 1, 1), 0.05), 50.0 * wanted[:, None], actuator_columns=[[50.0]]), time=times
     )
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, 1000.0),
-        actuators=scso.ActuatorParameters(
-            actuators=trajectory.actuators, optimal_force=[50.0], min_control=[-np.inf], max_control=[np.inf]
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters(trajectory.muscles, 1000.0),
+            actuators=scso.ActuatorParameters(
+                actuators=trajectory.actuators,
+                optimal_force=[50.0],
+                min_control=[-np.inf],
+                max_control=[np.inf],
+            ),
         ),
         muscle_model=scso.NoPhysiology(),
         objectives=(lambda frame: frame.control[0] ** 2,),
@@ -74,10 +79,12 @@ def test_rows_and_their_bounds_are_what_numpy_says(rng, bounds):
     time = np.array([0.0, 0.01, 0.04, 0.05])
     problem = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(problem.trajectory, time=time),
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, time=time)
+        ),
         constraints=(scso.ActivationRate(bounds=bounds),),
     )
-    a, muscles = rng.uniform(0.05, 0.7, (4, 3)), problem.muscles
+    a, muscles = rng.uniform(0.05, 0.7, (4, 3)), problem.motion.muscles
     found = evaluate_terms(problem, a)[1]["ActivationRate"]
     rate, mean = np.diff(a, axis=0) / np.diff(time)[:, None], 0.5 * (a[1:] + a[:-1])
     if bounds == "constant":
@@ -95,13 +102,13 @@ def test_the_optimum_is_that_of_one_dense_quadratic_program(rng, bounds):
         rng, scso.NoPhysiology(), classes=(MILLARD,) * n, shapes=({},) * n, n_frames=n_frames, reserve=5.0
     )
     time = np.array([0.0, 0.002, 0.01, 0.012])
-    trajectory = dataclasses.replace(problem.trajectory, time=time)
-    problem = dataclasses.replace(problem, trajectory=trajectory)
+    trajectory = dataclasses.replace(problem.motion.trajectory, time=time)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
     coupled = dataclasses.replace(
         problem, constraints=(*problem.constraints, scso.ActivationRate(bounds=bounds))
     )
     solution = scso.solve_trajectory(coupled, options=scso.SolverOptions(tolerance=1e-11))
-    muscles, size = problem.muscles, n + 2
+    muscles, size = problem.motion.muscles, n + 2
     a = np.zeros((2 * n_frames, size * n_frames))
     g, h = [], []
     for k in range(n_frames):

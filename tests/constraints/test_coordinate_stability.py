@@ -24,9 +24,9 @@ def diagonal(problem, **options):
 def test_on_hinges_with_straight_paths_the_diagonal_is_potvin_and_browns_rule(rng, n_hinges):
     """Both rest on the same geometry: one by printed formulas, one by derivatives of lengths and energy."""
     problem = hinge_chain(rng, n_hinges=n_hinges)
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     printed = potvin_brown(trajectory, axes="x")
-    exact = CoordinateStability().stability_rows(problem)
+    exact = CoordinateStability().stability_rows(problem.motion)
     for name in ("curvature", "external_work"):
         np.testing.assert_allclose(getattr(printed, name), getattr(exact, name), rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(np.abs(printed.moment_arms), np.abs(exact.moment_arms), rtol=1e-8, atol=1e-12)
@@ -57,9 +57,9 @@ def test_on_hinges_both_rules_give_the_same_forces(rng, solve):
 def test_rows_are_the_diagonal_of_the_hessian_and_the_optimum_is_that_of_a_quadratic_program(rng):
     problem = diagonal(hessian_problem(rng, n_frames=3), level=5.0, passive_stiffness={"q2": 4.0})
     solution = scso.solve_trajectory(problem)
-    m, strength = 16, problem.muscles.max_isometric_force
+    m, strength = 16, problem.motion.muscles.max_isometric_force
     for k in range(3):
-        length = problem.trajectory.muscle_tendon_length[k]
+        length = problem.motion.trajectory.muscle_tendon_length[k]
 
         def of(force, k=k, length=length):
             hessian = hessian_by_hand(problem, k, force, 5.0 * force / length)
@@ -73,8 +73,8 @@ def test_rows_are_the_diagonal_of_the_hessian_and_the_optimum_is_that_of_a_quadr
         x = solve_qp(
             2 * np.eye(m),
             np.zeros(m),
-            problem.trajectory.moment_arms[k] * strength,
-            problem.trajectory.generalized_forces[k],
+            problem.motion.trajectory.moment_arms[k] * strength,
+            problem.motion.trajectory.generalized_forces[k],
             rows,
             5.0 - nothing,
             np.zeros(m),
@@ -85,15 +85,15 @@ def test_rows_are_the_diagonal_of_the_hessian_and_the_optimum_is_that_of_a_quadr
 
 def test_chosen_coordinates_come_in_the_order_asked_for(rng):
     problem = diagonal(hessian_problem(rng), coordinates=("q3", "q1"))
-    assert problem.constraints[1].row_names(problem) == ("q3", "q1")
-    rows = problem.constraints[1].stability_rows(problem)
-    np.testing.assert_array_equal(rows.moment_arms, problem.trajectory.moment_arms[:, [2, 0]])
+    assert problem.constraints[1].row_names(problem.motion) == ("q3", "q1")
+    rows = problem.constraints[1].stability_rows(problem.motion)
+    np.testing.assert_array_equal(rows.moment_arms, problem.motion.trajectory.moment_arms[:, [2, 0]])
 
 
 def test_the_models_passive_stiffness_counts_unless_told_otherwise(rng):
     problem = hessian_problem(rng)
     with_it, without = (
-        CoordinateStability(model_passive=choice).stability_rows(problem).external_work
+        CoordinateStability(model_passive=choice).stability_rows(problem.motion).external_work
         for choice in (True, False)
     )
     np.testing.assert_allclose(without - with_it, np.broadcast_to(np.linspace(0.5, 2.0, 4), (4, 4)))
@@ -101,11 +101,11 @@ def test_the_models_passive_stiffness_counts_unless_told_otherwise(rng):
 
 def test_a_motion_without_curvature_is_refused_with_the_remedy(rng):
     problem = hessian_problem(rng)
-    bare = dataclasses.replace(problem.trajectory, curvature=None)
+    bare = dataclasses.replace(problem.motion.trajectory, curvature=None)
     with pytest.raises(scso.ProblemError, match=r"without path curvature.*curvature_coordinates="):
-        CoordinateStability().stability_rows(dataclasses.replace(problem, trajectory=bare))
+        CoordinateStability().stability_rows(dataclasses.replace(problem.motion, trajectory=bare))
 
 
 def test_a_coordinate_without_curvature_is_refused_by_name(rng):
     with pytest.raises(scso.NameMismatchError, match=r"unknown coordinate with curvature 'q9'"):
-        CoordinateStability(coordinates=("q1", "q9")).stability_rows(hessian_problem(rng))
+        CoordinateStability(coordinates=("q1", "q9")).stability_rows(hessian_problem(rng).motion)

@@ -15,12 +15,12 @@ import scso_nlp as scso
 @pytest.mark.parametrize("reserve", [None, 5.0])
 def test_rows_are_produced_less_required_forces(rng, model, reserve):
     problem = random_problem(rng, reserve=reserve, muscle_model=model, n_coordinates=4)
-    n_actuators = problem.actuators.n_actuators
+    n_actuators = problem.motion.actuators.n_actuators
     # Actuators need not act on one coordinate each, nor alike in every frame.
     trajectory = dataclasses.replace(
-        problem.trajectory, actuator_generalized_forces=rng.normal(size=(3, 4, n_actuators))
+        problem.motion.trajectory, actuator_generalized_forces=rng.normal(size=(3, 4, n_actuators))
     )
-    problem = dataclasses.replace(problem, trajectory=trajectory)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
     activation, control = rng.uniform(0, 1, (3, 10)), rng.normal(size=(3, n_actuators))
     _, rows, force = evaluate_terms(problem, activation, control)
     expected = np.einsum("kcm,km->kc", trajectory.moment_arms, force)
@@ -31,8 +31,10 @@ def test_rows_are_produced_less_required_forces(rng, model, reserve):
 
 def test_rows_are_equations_named_by_coordinate_in_its_own_unit(rng):
     problem = random_problem(rng)
-    trajectory = dataclasses.replace(problem.trajectory, is_rotational=[True, False, True])
-    solution = scso.solve_framewise(dataclasses.replace(problem, trajectory=trajectory))
+    trajectory = dataclasses.replace(problem.motion.trajectory, is_rotational=[True, False, True])
+    solution = scso.solve_framewise(
+        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    )
     rows = solution.rows["MomentEquilibrium"]
     assert rows.names == ("q1", "q2", "q3")
     assert rows.unit == ("N·m", "N", "N·m")
@@ -46,10 +48,10 @@ def test_rows_are_equations_named_by_coordinate_in_its_own_unit(rng):
 def with_spring(passive_elements, exponent=2.0):
     """The closed form of three muscles about one joint, and a spring that carries 4 of 10 N·m in frame 0."""
     problem = elbow([6.0, 9.0], exponent=exponent)
-    trajectory = dataclasses.replace(problem.trajectory, passive_generalized_forces=[[4.0], [-2.5]])
+    trajectory = dataclasses.replace(problem.motion.trajectory, passive_generalized_forces=[[4.0], [-2.5]])
     return dataclasses.replace(
         problem,
-        trajectory=trajectory,
+        motion=dataclasses.replace(problem.motion, trajectory=trajectory),
         constraints=(scso.MomentEquilibrium(passive_elements=passive_elements),),
     )
 

@@ -145,13 +145,14 @@ def test_a_problem_needs_an_objective_that_is_one(trajectory):
         problem(trajectory, constraints=(scso.ActivationEffort(),))
 
 
-def problem(trajectory, *, muscles=None, **changes):
-    options = {
-        "muscle_model": scso.NoPhysiology(),
-        "objectives": (scso.ActivationEffort(),),
-        "muscles": muscle_parameters(muscles or trajectory.muscles, 1000.0),
-    } | changes
-    return scso.MuscleForceProblem(trajectory=trajectory, **options)
+def problem(trajectory, *, muscles=None, actuators=None, **changes):
+    options = {"muscle_model": scso.NoPhysiology(), "objectives": (scso.ActivationEffort(),)} | changes
+    motion = scso.Motion(
+        trajectory=trajectory,
+        muscles=muscle_parameters(muscles or trajectory.muscles, 1000.0),
+        actuators=actuators or scso.ActuatorParameters(),
+    )
+    return scso.MuscleForceProblem(motion=motion, **options)
 
 
 # Terms --------------------------------------------------------------------------------------------
@@ -193,9 +194,10 @@ def test_weights_of_unknown_muscles_are_refused_with_the_closest_names():
 @pytest.mark.parametrize("exponent", [1.0, 1.5, math.inf])
 def test_negative_activations_are_refused_where_the_power_needs_positive_ones(exponent):
     base = elbow([60.0], exponent=exponent)
-    muscles = dataclasses.replace(base.muscles, min_activation=[0.0, -0.5, 0.0])
+    muscles = dataclasses.replace(base.motion.muscles, min_activation=[0.0, -0.5, 0.0])
+    motion = dataclasses.replace(base.motion, muscles=muscles)
     with raises(scso.ProblemError, "but min_activation of 'm2' is -0.5; raise the bound"):
-        scso.solve_framewise(dataclasses.replace(base, muscles=muscles))
+        scso.solve_framewise(dataclasses.replace(base, motion=motion))
 
 
 @pytest.mark.parametrize("q", [-1.0, math.nan, math.inf, [5.0, -2.0], {"*": 5.0, "m1": -3.0}])
@@ -259,7 +261,7 @@ class Answering(scso.FrameConstraint):
 
     changes: dict
 
-    def rows(self, frame, problem):
+    def rows(self, frame, motion):
         good = {"value": frame.activation[0], "lower": 0.0, "upper": 1.0, "names": ("first",)}
         return scso.Rows(**good | self.changes)
 
@@ -310,7 +312,7 @@ class Supplied(scso.FrameConstraint):
     def variables(self, problem):
         return () if self.spec is None else (scso.VariableSpec(name="slack", labels=("s",), **self.spec),)
 
-    def rows(self, frame, problem):
+    def rows(self, frame, motion):
         return scso.Rows(value=frame.activation[0], lower=-9.0, upper=9.0, names=("first",))
 
 
@@ -424,10 +426,12 @@ def test_a_problem_without_rows_has_no_reason_to_pull(solve):
 def test_a_model_without_muscles_is_driven_by_its_actuators(solve, exponent):
     trajectory = motion(np.zeros((2, 1, 0)), [[6.0], [-4.0]], actuator_columns=[[2.0]])
     torque = scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters((), np.zeros(0)),
-        actuators=scso.ActuatorParameters(
-            actuators=("reserve1",), optimal_force=[2.0], min_control=[-np.inf], max_control=[np.inf]
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters((), np.zeros(0)),
+            actuators=scso.ActuatorParameters(
+                actuators=("reserve1",), optimal_force=[2.0], min_control=[-np.inf], max_control=[np.inf]
+            ),
         ),
         muscle_model=scso.NoPhysiology(),
         objectives=(scso.ActivationEffort(exponent=exponent),),

@@ -52,17 +52,19 @@ def test_a_class_that_is_not_modelled_is_refused_by_name_with_the_nearest(
     solve, model, opensim_class, nearest
 ):
     problem = problem_of(model, MILLARD, {})
-    muscles = dataclasses.replace(problem.muscles, muscle_class=(MILLARD, opensim_class))
+    muscles = dataclasses.replace(problem.motion.muscles, muscle_class=(MILLARD, opensim_class))
     with raises(f"muscle 'm2' is a {opensim_class}, which is not modelled (nearest: {nearest};") as error:
-        solve(dataclasses.replace(problem, muscles=muscles))
+        solve(dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)))
     is_one_sentence(error)
 
 
 def test_opensims_own_capacity_needs_no_curves_of_ours():
     """The capacity is OpenSim's number: any class will do."""
     problem = problem_of(scso.RigidTendon(), MILLARD, {})
-    muscles = dataclasses.replace(problem.muscles, muscle_class=(MILLARD, "MeyerFregly2016Muscle"))
-    assert scso.solve_trajectory(dataclasses.replace(problem, muscles=muscles)).is_solved.all()
+    muscles = dataclasses.replace(problem.motion.muscles, muscle_class=(MILLARD, "MeyerFregly2016Muscle"))
+    assert scso.solve_trajectory(
+        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    ).is_solved.all()
 
 
 BAD_CURVES = [
@@ -127,7 +129,12 @@ def test_a_tendon_without_length_and_a_pennation_of_a_right_angle_are_refused(mo
     ):
         with raises(said) as error:
             scso.solve_trajectory(
-                dataclasses.replace(problem, muscles=dataclasses.replace(problem.muscles, **changes))
+                dataclasses.replace(
+                    problem,
+                    motion=dataclasses.replace(
+                        problem.motion, muscles=dataclasses.replace(problem.motion.muscles, **changes)
+                    ),
+                )
             )
         is_one_sentence(error)
 
@@ -146,11 +153,11 @@ def test_constants_that_are_not_positive_never_reach_a_problem(what, value):
 @pytest.mark.parametrize("opensim_class", [THELEN, MILLARD, DE_GROOTE])
 def test_a_slack_path_is_refused_with_muscle_time_and_remedy(solve, model, opensim_class):
     problem = problem_of(model, opensim_class, {})
-    length = problem.trajectory.muscle_tendon_length.copy()
-    length[3, 1] = 0.8 * problem.muscles.tendon_slack_length[1]
-    trajectory = dataclasses.replace(problem.trajectory, muscle_tendon_length=length)
+    length = problem.motion.trajectory.muscle_tendon_length.copy()
+    length[3, 1] = 0.8 * problem.motion.muscles.tendon_slack_length[1]
+    trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length)
     with raises("; check tendon_slack_length, or choose short_fibers='silence'") as error:
-        solve(dataclasses.replace(problem, trajectory=trajectory))
+        solve(dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory)))
     for part in ("'m2'", "at t = 0.03 s", "path", "too short"):
         assert part in str(error.value)
     is_one_sentence(error)
@@ -160,9 +167,11 @@ def test_a_slack_path_is_refused_with_muscle_time_and_remedy(solve, model, opens
 def test_a_fiber_at_its_shortest_is_refused_although_the_tendon_could_be_taut(model):
     """Millard's active force ends at 0.4441 optimal lengths: below it OpenSim holds the fiber."""
     problem = problem_of(model, MILLARD, {}, pennation_angle_at_optimal=np.zeros(2))
-    muscles, length = problem.muscles, problem.trajectory.muscle_tendon_length.copy()
+    muscles, length = problem.motion.muscles, problem.motion.trajectory.muscle_tendon_length.copy()
     length[0, 1] = muscles.tendon_slack_length[1] + 0.43 * muscles.optimal_fiber_length[1]
-    trajectory = dataclasses.replace(problem.trajectory, muscle_tendon_length=length)
+    trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length)
     with pytest.raises(scso.DataError, match=r"'m2'.* at t = 0 s.*shortest") as error:
-        scso.solve_trajectory(dataclasses.replace(problem, trajectory=trajectory))
+        scso.solve_trajectory(
+            dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+        )
     is_one_sentence(error)

@@ -22,8 +22,7 @@ both_solvers = pytest.mark.parametrize("solve", SOLVERS)
 def problem_of(arms, moments, *, strength=1000.0, objectives=None, **changes):
     trajectory = motion(arms, moments)
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscle_parameters(trajectory.muscles, strength),
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, strength)),
         muscle_model=scso.NoPhysiology(),
         objectives=objectives or (scso.ActivationEffort(),),
         **changes,
@@ -40,8 +39,12 @@ def with_columns(problem, columns, **bounds):
         min_control=np.full(len(names), bounds.get("lower", -np.inf)),
         max_control=np.full(len(names), bounds.get("upper", np.inf)),
     )
-    trajectory = dataclasses.replace(problem.trajectory, actuators=names, actuator_generalized_forces=columns)
-    return dataclasses.replace(problem, trajectory=trajectory, actuators=actuators)
+    trajectory = dataclasses.replace(
+        problem.motion.trajectory, actuators=names, actuator_generalized_forces=columns
+    )
+    return dataclasses.replace(
+        problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory, actuators=actuators)
+    )
 
 
 @both_solvers
@@ -268,9 +271,13 @@ def test_random_infeasible_frames_are_told_from_feasible_ones_as_a_linear_progra
     found = []
     for _ in range(6):
         problem = random_problem(rng, n_frames=4, n_muscles=6, n_coordinates=2)
-        moments = problem.trajectory.generalized_forces * rng.uniform(0.5, 3.0, (4, 1))
+        moments = problem.motion.trajectory.generalized_forces * rng.uniform(0.5, 3.0, (4, 1))
         problem = dataclasses.replace(
-            problem, trajectory=dataclasses.replace(problem.trajectory, generalized_forces=moments)
+            problem,
+            motion=dataclasses.replace(
+                problem.motion,
+                trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
+            ),
         )
         expected = []
         for k in range(4):

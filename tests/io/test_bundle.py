@@ -13,10 +13,10 @@ from helpers import motion, muscle_parameters, skeleton
 
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.io.bundle import Provenance, load_bundle, read_provenance, save_bundle
-from scso_nlp.muscles import ActuatorParameters, MuscleParameters
-from scso_nlp.trajectory import MotionTrajectory
+from scso_nlp.motion import Motion
+from scso_nlp.muscles import ActuatorParameters
 
-Case = tuple[MotionTrajectory, MuscleParameters, ActuatorParameters]
+Case = Motion
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def case(rng: np.random.Generator) -> Case:
     actuators = ActuatorParameters(
         actuators=trajectory.actuators, optimal_force=[3.0], min_control=[-np.inf], max_control=[np.inf]
     )
-    return trajectory, muscles, actuators
+    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
 
 
 def assert_equal(one: object, other: object) -> None:
@@ -56,15 +56,14 @@ def assert_equal(one: object, other: object) -> None:
 
 
 def test_a_bundle_gives_back_every_bit(case: Case, tmp_path: Path) -> None:
-    save_bundle(tmp_path / "m.npz", *case)
-    for saved, loaded in zip(case, load_bundle(tmp_path / "m.npz"), strict=True):
-        assert_equal(saved, loaded)
+    save_bundle(tmp_path / "m.npz", case)
+    assert_equal(case, load_bundle(tmp_path / "m.npz"))
 
 
 def test_a_motion_without_skeleton_stays_without(case: Case, tmp_path: Path) -> None:
-    trajectory = dataclasses.replace(case[0], skeleton=None)
-    save_bundle(tmp_path / "m.npz", trajectory, *case[1:])
-    assert load_bundle(tmp_path / "m.npz")[0].skeleton is None
+    trajectory = dataclasses.replace(case.trajectory, skeleton=None)
+    save_bundle(tmp_path / "m.npz", dataclasses.replace(case, trajectory=trajectory))
+    assert load_bundle(tmp_path / "m.npz").trajectory.skeleton is None
 
 
 def test_provenance_comes_back(case: Case, tmp_path: Path) -> None:
@@ -74,25 +73,25 @@ def test_provenance_comes_back(case: Case, tmp_path: Path) -> None:
         inputs={"model.osim": "ab" * 32},
         settings={"step_interval": 1, "states": None, "actuators": ["a.xml"]},
     )
-    save_bundle(tmp_path / "m.npz", *case, provenance=provenance)
+    save_bundle(tmp_path / "m.npz", case, provenance=provenance)
     assert read_provenance(tmp_path / "m.npz") == provenance
 
 
 def test_a_field_added_later_is_filled_by_its_default(case: Case, tmp_path: Path) -> None:
     """Old bundles stay readable when a data class gains a field with a default."""
-    save_bundle(tmp_path / "m.npz", *case)
+    save_bundle(tmp_path / "m.npz", case)
     header = _edit_header(
         tmp_path / "m.npz", lambda values: values["values"]["muscles"].pop("curve_parameters")
     )
     assert "curve_parameters" not in header["values"]["muscles"]
-    assert load_bundle(tmp_path / "m.npz")[1].curve_parameters == ({}, {}, {})
+    assert load_bundle(tmp_path / "m.npz").muscles.curve_parameters == ({}, {}, {})
 
 
 def test_saving_replaces_whole_files_and_leaves_nothing_behind(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "m.npz"
-    save_bundle(path, *case)
+    save_bundle(path, case)
     before = path.read_bytes()
 
     def full(*_: object, **__: object) -> None:
@@ -101,20 +100,20 @@ def test_saving_replaces_whole_files_and_leaves_nothing_behind(
     with monkeypatch.context() as patch:
         patch.setattr(np, "savez", full)
         with pytest.raises(DataError, match="cannot be written: No space left"):
-            save_bundle(path, *case)
+            save_bundle(path, case)
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["m.npz"]
 
 
 def test_a_folder_that_is_not_there_is_an_error_of_this_package(case: Case, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="cannot be written"):
-        save_bundle(tmp_path / "no" / "m.npz", *case)
+        save_bundle(tmp_path / "no" / "m.npz", case)
     with pytest.raises(DataError, match=r"m\.npz does not exist"):
         load_bundle(tmp_path / "m.npz")
 
 
 def test_a_file_cut_off_anywhere_is_refused(case: Case, tmp_path: Path) -> None:
-    save_bundle(tmp_path / "m.npz", *case)
+    save_bundle(tmp_path / "m.npz", case)
     content = (tmp_path / "m.npz").read_bytes()
     for size in range(0, len(content), len(content) // 40):
         (tmp_path / "cut.npz").write_bytes(content[:size])
@@ -125,9 +124,9 @@ def test_a_file_cut_off_anywhere_is_refused(case: Case, tmp_path: Path) -> None:
 def test_a_changed_byte_is_refused(case: Case, tmp_path: Path) -> None:
     """Every array carries a checksum in the archive."""
     path = tmp_path / "m.npz"
-    save_bundle(path, *case)
+    save_bundle(path, case)
     content = bytearray(path.read_bytes())
-    place = content.index(case[0].moment_arms.tobytes())
+    place = content.index(case.trajectory.moment_arms.tobytes())
     content[place] ^= 1
     path.write_bytes(bytes(content))
     with pytest.raises(FileFormatError, match="is damaged"):
@@ -157,7 +156,7 @@ def test_a_foreign_file_is_named_as_such(what: str, tmp_path: Path) -> None:
 
 def test_no_code_of_a_bundle_runs(case: Case, tmp_path: Path) -> None:
     path = tmp_path / "m.npz"
-    save_bundle(path, *case)
+    save_bundle(path, case)
 
     class Payload:
         def __reduce__(self) -> tuple[object, tuple[str]]:
@@ -173,7 +172,7 @@ def test_no_code_of_a_bundle_runs(case: Case, tmp_path: Path) -> None:
 
 def test_arrays_that_contradict_each_other_are_refused(case: Case, tmp_path: Path) -> None:
     path = tmp_path / "m.npz"
-    save_bundle(path, *case)
+    save_bundle(path, case)
     short = io.BytesIO()
     np.save(short, np.zeros((3, 2)))
     _replace_member(path, "trajectory.generalized_forces.npy", short.getvalue())
@@ -192,7 +191,7 @@ def test_arrays_that_contradict_each_other_are_refused(case: Case, tmp_path: Pat
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(edit, message: str, case: Case, tmp_path: Path) -> None:
-    save_bundle(tmp_path / "m.npz", *case)
+    save_bundle(tmp_path / "m.npz", case)
     _edit_header(tmp_path / "m.npz", edit)
     with pytest.raises(FileFormatError, match=message):
         load_bundle(tmp_path / "m.npz")

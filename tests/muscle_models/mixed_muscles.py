@@ -68,13 +68,15 @@ def mixed_problem(
         muscle_tendon_velocity=fastest * rng.uniform(-0.3, 0.3, shape),
     )
     return scso.MuscleForceProblem(
-        trajectory=trajectory,
-        muscles=muscles,
-        actuators=scso.ActuatorParameters(
-            actuators=trajectory.actuators,
-            optimal_force=np.full(n_coordinates, reserve),
-            min_control=np.full(n_coordinates, -np.inf),
-            max_control=np.full(n_coordinates, np.inf),
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscles,
+            actuators=scso.ActuatorParameters(
+                actuators=trajectory.actuators,
+                optimal_force=np.full(n_coordinates, reserve),
+                min_control=np.full(n_coordinates, -np.inf),
+                max_control=np.full(n_coordinates, np.inf),
+            ),
         ),
         muscle_model=model,
         objectives=(scso.ActivationEffort(exponent=2.0),),
@@ -157,7 +159,7 @@ _TENDONS = {THELEN: _thelen_tendon, MILLARD: _millard_tendon, DE_GROOTE: _de_gro
 
 def fiber_force(problem, along_tendon, velocity, activation, *, passive=True):
     """F0 (a fL fV + fP + beta v) cos(alpha) of every muscle and frame, one muscle after the other [N]."""
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     force = np.full(activation.shape, np.nan)
     for m, name in enumerate(muscles.muscle_class):
         optimal = muscles.optimal_fiber_length[m]
@@ -175,17 +177,19 @@ def fiber_force(problem, along_tendon, velocity, activation, *, passive=True):
 
 def rigid_force(problem, activation, *, passive=True):
     """Force of every muscle with a tendon of slack length [N]."""
-    along = problem.trajectory.muscle_tendon_length - problem.muscles.tendon_slack_length
-    return fiber_force(problem, along, problem.trajectory.muscle_tendon_velocity, activation, passive=passive)
+    along = problem.motion.trajectory.muscle_tendon_length - problem.motion.muscles.tendon_slack_length
+    return fiber_force(
+        problem, along, problem.motion.trajectory.muscle_tendon_velocity, activation, passive=passive
+    )
 
 
 def tendon_force(problem, along_tendon):
     """F0 fT of every elastic tendon, NaN for the others [N]."""
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     force = np.full(along_tendon.shape, np.nan)
     for m, name in enumerate(muscles.muscle_class):
         if name in _TENDONS:
-            length = problem.trajectory.muscle_tendon_length[:, m] - along_tendon[:, m]
+            length = problem.motion.trajectory.muscle_tendon_length[:, m] - along_tendon[:, m]
             stretch = length / muscles.tendon_slack_length[m]
             force[:, m] = muscles.max_isometric_force[m] * _TENDONS[name](
                 stretch, muscles.curve_parameters[m]

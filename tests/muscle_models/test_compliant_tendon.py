@@ -25,7 +25,7 @@ from scso_nlp.muscle_models.equilibrium import solve_equilibrium
 from scso_nlp.muscle_models.force import tendon_force as force_of_tendon
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import muscle_groups
-from scso_nlp.transcription.build import describe, split_rows
+from scso_nlp.transcription.describe import describe
 
 FIBERS = "CompliantTendon.fiber_length_along_tendon"
 ELASTIC = [m for m, name in enumerate(CLASSES) if name != RIGID]
@@ -40,13 +40,13 @@ any_velocity = pytest.mark.parametrize("fiber_velocity", ["zero", "from_path"])
 
 
 def velocity_of(problem):
-    velocity = problem.trajectory.muscle_tendon_velocity
+    velocity = problem.motion.trajectory.muscle_tendon_velocity
     return velocity if problem.muscle_model.fiber_velocity == "from_path" else np.zeros_like(velocity)
 
 
 def along_tendon(problem, fibers):
     """All muscles' fibers along the tendon: those of rigid tendons are not unknowns."""
-    result = problem.trajectory.muscle_tendon_length - problem.muscles.tendon_slack_length
+    result = problem.motion.trajectory.muscle_tendon_length - problem.motion.muscles.tendon_slack_length
     result[:, ELASTIC] = fibers
     return result
 
@@ -54,7 +54,7 @@ def along_tendon(problem, fibers):
 @any_velocity
 def test_rows_and_forces_of_mixed_classes_are_the_textbook_sums(rng, fiber_velocity):
     problem = mixed_problem(rng, scso.CompliantTendon(fiber_velocity=fiber_velocity))
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     activation = rng.uniform(0.01, 1, (4, 8))
     fibers = muscles.optimal_fiber_length[ELASTIC] * rng.uniform(0.6, 1.2, (4, 6))
     given = rng.uniform(0, 500, (4, 6))
@@ -82,20 +82,20 @@ def test_the_solution_is_the_equilibrium_of_its_activations(rng, solve, fiber_ve
     problem = mixed_problem(rng, scso.CompliantTendon(fiber_velocity=fiber_velocity))
     solution = solve(problem)
     assert solution.status is scso.Status.SOLVED
-    names = [problem.muscles.muscles[m] for m in ELASTIC]
+    names = [problem.motion.muscles.muscles[m] for m in ELASTIC]
     assert solution.rows["CompliantTendon"].names == tuple(
         f"{name} {what}" for what in ("fiber", "tendon") for name in names
     )
     along = along_tendon(problem, solution.variables[FIBERS])
     residual = fiber_force(problem, along, velocity_of(problem), solution.activation)
     residual = (residual - tendon_force(problem, along))[:, ELASTIC]
-    assert (np.abs(residual) < RESIDUAL * problem.muscles.max_isometric_force[ELASTIC]).all()
-    for where, muscle in muscle_groups(problem.muscles):
+    assert (np.abs(residual) < RESIDUAL * problem.motion.muscles.max_isometric_force[ELASTIC]).all()
+    for where, muscle in muscle_groups(problem.motion.muscles):
         if muscle.curves.HAS_ELASTIC_TENDON:
             expected = solve_equilibrium(
                 muscle,
                 solution.activation[:, where],
-                problem.trajectory.muscle_tendon_length[:, where],
+                problem.motion.trajectory.muscle_tendon_length[:, where],
                 velocity_of(problem)[:, where],
             )
             assert not expected.is_at_lower_bound.any()
@@ -103,7 +103,7 @@ def test_the_solution_is_the_equilibrium_of_its_activations(rng, solve, fiber_ve
                 solution.tendon_force[:, where],
                 expected.tendon_force,
                 # a residual of 1e-8 F0 is divided by one plus the ratio of tendon to fiber stiffness
-                atol=1e-7 * problem.muscles.max_isometric_force.max(),
+                atol=1e-7 * problem.motion.muscles.max_isometric_force.max(),
             )
 
 
@@ -134,9 +134,11 @@ def test_a_stiff_tendon_comes_to_the_rigid_one(rng, name):
         problem = mixed_problem(
             np.random.default_rng(5), scso.CompliantTendon(), classes=(name,) * 4, shapes=(shape,) * 4
         )
-        at_rest = dataclasses.replace(problem.trajectory, muscle_tendon_velocity=np.zeros((4, 4)))
+        at_rest = dataclasses.replace(problem.motion.trajectory, muscle_tendon_velocity=np.zeros((4, 4)))
         rigid = dataclasses.replace(
-            problem, trajectory=at_rest, muscle_model=scso.RigidTendon(convention="physical")
+            problem,
+            motion=dataclasses.replace(problem.motion, trajectory=at_rest),
+            muscle_model=scso.RigidTendon(convention="physical"),
         )
         force = scso.solve_trajectory(problem, options=OPTIONS).tendon_force
         difference.append(np.abs(force - scso.solve_trajectory(rigid, options=OPTIONS).tendon_force).max())
@@ -166,7 +168,7 @@ def test_a_model_of_rigid_tendons_only_is_the_physical_rigid_tendon(rng):
 
 
 def with_paths(problem, k, m, length, velocity=None):
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     lengths, velocities = trajectory.muscle_tendon_length.copy(), trajectory.muscle_tendon_velocity.copy()
     lengths[k, m] = length
     if velocity is not None:
@@ -174,7 +176,7 @@ def with_paths(problem, k, m, length, velocity=None):
     trajectory = dataclasses.replace(
         trajectory, muscle_tendon_length=lengths, muscle_tendon_velocity=velocities
     )
-    return dataclasses.replace(problem, trajectory=trajectory)
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
 
 
 def silenced(problem):
@@ -188,7 +190,7 @@ def silenced(problem):
 def test_a_path_too_short_for_any_equilibrium_is_refused_by_name_or_rests(rng, caplog, solve, m, share):
     """Of Thelen, Millard and De Groote muscles; the slack tendon has no force, as in OpenSim."""
     problem = mixed_problem(rng, scso.CompliantTendon())
-    problem = with_paths(problem, 1, m, share * problem.muscles.tendon_slack_length[m])
+    problem = with_paths(problem, 1, m, share * problem.motion.muscles.tendon_slack_length[m])
     said = rf"'m{m + 1}' has no equilibrium at t = 0.01 s at any activation, because its path is too short"
     with pytest.raises(scso.DataError, match=said):
         solve(problem)
@@ -202,13 +204,13 @@ def test_a_path_too_short_for_any_equilibrium_is_refused_by_name_or_rests(rng, c
     free[1, m] = False
     along = along_tendon(problem, solution.variables[FIBERS])
     residual = fiber_force(problem, along, velocity_of(problem), solution.activation)
-    residual = (residual - tendon_force(problem, along)) / problem.muscles.max_isometric_force
+    residual = (residual - tendon_force(problem, along)) / problem.motion.muscles.max_isometric_force
     assert np.abs(residual[free & (np.array(CLASSES) != RIGID)]).max() < RESIDUAL
 
 
 def test_a_short_path_of_a_rigid_tendon_among_elastic_ones_is_refused_or_silenced_too(rng, caplog):
     problem = mixed_problem(rng, scso.CompliantTendon())
-    problem = with_paths(problem, 3, 6, 0.9 * problem.muscles.tendon_slack_length[6])
+    problem = with_paths(problem, 3, 6, 0.9 * problem.motion.muscles.tendon_slack_length[6])
     with pytest.raises(scso.DataError, match=r"path of 'm7' is too short for a rigid tendon at t = 0.03 s"):
         scso.solve_trajectory(problem)
     solution = scso.solve_trajectory(silenced(problem))
@@ -219,7 +221,7 @@ def test_a_short_path_of_a_rigid_tendon_among_elastic_ones_is_refused_or_silence
 def test_a_fiber_that_pushes_is_refused_by_name_or_has_no_force(rng, caplog):
     """A damped fiber that shortens as fast as it can has no active force, and damping slackens the tendon."""
     problem = mixed_problem(rng, scso.CompliantTendon(fiber_velocity="from_path"))
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     fastest = muscles.optimal_fiber_length[1] * muscles.max_contraction_velocity[1]
     length = muscles.tendon_slack_length[1] + 0.8 * muscles.optimal_fiber_length[1]
     problem = with_paths(problem, 2, 1, length, -1.2 * fastest)
@@ -234,14 +236,14 @@ def test_a_fiber_that_pushes_is_refused_by_name_or_has_no_force(rng, caplog):
 def test_muscles_whose_tendon_would_go_slack_are_named_and_held_to_what_keeps_it_taut(rng, caplog):
     """Just taut, the active force along the tendon outweighs damping: a fL fV + fP = beta |v|."""
     problem = mixed_problem(rng, scso.CompliantTendon(fiber_velocity="from_path"))
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     fastest = muscles.optimal_fiber_length * muscles.max_contraction_velocity
     length = muscles.tendon_slack_length + 0.9 * muscles.optimal_fiber_length
     for m in (1, 2):
         problem = with_paths(problem, 2, m, length[m], -0.5 * fastest[m])
     # Moments that ask for nothing, so that every muscle wants to be at rest.
-    trajectory = dataclasses.replace(problem.trajectory, generalized_forces=np.zeros((4, 2)))
-    problem = dataclasses.replace(problem, trajectory=trajectory)
+    trajectory = dataclasses.replace(problem.motion.trajectory, generalized_forces=np.zeros((4, 2)))
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
     solution = scso.solve_trajectory(problem)
     assert "the tendons of m2, m5 are slack at the least activation" in caplog.text
     assert "the tendons of m3 are slack at the least activation" in caplog.text
@@ -272,29 +274,29 @@ def walk(shared_data):
 @pytest.mark.opensim
 @any_velocity
 def test_fibers_are_in_equilibrium_in_every_frame_of_a_walk(walk, fiber_velocity):
-    problem = scso.static_optimization(
-        *walk, muscle_model=scso.CompliantTendon(fiber_velocity=fiber_velocity)
-    )
+    problem = scso.static_optimization(walk, muscle_model=scso.CompliantTendon(fiber_velocity=fiber_velocity))
     solutions = [solve(problem) for solve in (scso.solve_trajectory, scso.solve_framewise)]
     for solution in solutions:
         assert solution.is_solved.all()
         assert solution.violation["CompliantTendon"] < RESIDUAL
-        (group,) = muscle_groups(problem.muscles)
-        columns = repeat_over_frames(group.muscle, problem.trajectory.n_frames)
+        (group,) = muscle_groups(problem.motion.muscles)
+        columns = repeat_over_frames(group.muscle, problem.motion.trajectory.n_frames)
         force = on_arrays(
             lambda q, length, columns=columns: force_of_tendon(columns, q, length),
             solution.variables[FIBERS],
-            problem.trajectory.muscle_tendon_length,
+            problem.motion.trajectory.muscle_tendon_length,
         )
-        strength = problem.muscles.max_isometric_force
+        strength = problem.motion.muscles.max_isometric_force
         np.testing.assert_allclose(solution.tendon_force / strength, force / strength, rtol=0, atol=RESIDUAL)
         expected = solve_equilibrium(
             group.muscle,
             solution.activation,
-            problem.trajectory.muscle_tendon_length,
-            problem.trajectory.muscle_tendon_velocity if fiber_velocity == "from_path" else 0.0,
+            problem.motion.trajectory.muscle_tendon_length,
+            problem.motion.trajectory.muscle_tendon_velocity if fiber_velocity == "from_path" else 0.0,
         )
-        error = np.abs(solution.tendon_force - expected.tendon_force) / problem.muscles.max_isometric_force
+        error = (
+            np.abs(solution.tendon_force - expected.tendon_force) / problem.motion.muscles.max_isometric_force
+        )
         # Near slack tendons are soft: a residual of 1e-8 moves the fiber, and the force follows.
         assert error.max() < 1e-6
 
@@ -302,27 +304,27 @@ def test_fibers_are_in_equilibrium_in_every_frame_of_a_walk(walk, fiber_velocity
 @pytest.mark.opensim
 @any_velocity
 def test_both_solvers_agree_on_a_walk_with_elastic_tendons(walk, fiber_velocity):
-    problem = scso.static_optimization(
-        *walk, muscle_model=scso.CompliantTendon(fiber_velocity=fiber_velocity)
-    )
+    problem = scso.static_optimization(walk, muscle_model=scso.CompliantTendon(fiber_velocity=fiber_velocity))
     whole, single = (
         solve(problem, options=OPTIONS) for solve in (scso.solve_trajectory, scso.solve_framewise)
     )
     np.testing.assert_allclose(whole.activation, single.activation, atol=1e-6)
-    strength = problem.muscles.max_isometric_force
+    strength = problem.motion.muscles.max_isometric_force
     np.testing.assert_allclose(whole.tendon_force / strength, single.tendon_force / strength, atol=1e-6)
 
 
 def test_stability_rows_of_elastic_tendons_are_affine_and_kept(rng):
     """The row is what helpers compute by hand from the tendon forces, and is no expression for the solver."""
     problem = random_problem(rng, n_frames=2, n_muscles=8, reserve=5.0, muscle_model=scso.CompliantTendon())
-    path = problem.trajectory.muscle_tendon_length.mean(axis=0)
+    path = problem.motion.trajectory.muscle_tendon_length.mean(axis=0)
     muscles = dataclasses.replace(
-        problem.muscles, tendon_slack_length=0.6 * path, optimal_fiber_length=0.4 * path
+        problem.motion.muscles, tendon_slack_length=0.6 * path, optimal_fiber_length=0.4 * path
     )
-    problem = with_stability(dataclasses.replace(problem, muscles=muscles), 20.0)
-    split = split_rows(describe(problem))
-    n_muscles = problem.muscles.n_muscles
+    problem = with_stability(
+        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)), 20.0
+    )
+    split = describe(problem).split
+    n_muscles = problem.motion.muscles.n_muscles
     assert sum(rows.size for _, rows in split.nonlinear) == 2 * n_muscles, "only the model's own rows"
     soft = dataclasses.replace(problem.constraints[1], soft=1.0)
     problem = dataclasses.replace(problem, constraints=(problem.constraints[0], soft))

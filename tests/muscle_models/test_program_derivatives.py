@@ -10,7 +10,8 @@ import pytest
 from muscle_models.mixed_muscles import CLASSES, DE_GROOTE, MILLARD, RIGID, SHAPES, THELEN, mixed_problem
 
 import scso_nlp as scso
-from scso_nlp.transcription.build import build_nlp, describe, split_rows
+from scso_nlp.transcription.build import build_nlp
+from scso_nlp.transcription.describe import describe
 
 #: Step in scaled unknowns, activations and fiber lengths of about 1. Truncation h^4 f'''''/30 and rounding
 #: 1e-16 f/h meet near it: Millard's quintic curves have large fifth derivatives.
@@ -41,8 +42,8 @@ def check(problem, activation, fibers=None, excitation=None, seed=0):
     """Gradient, Jacobian and Hessian of the Lagrangian at given activations and unknowns."""
     rng = np.random.default_rng(seed)
     program = describe(problem)
-    n_frames = problem.trajectory.n_frames
-    nlp = build_nlp(program, split_rows(program), n_frames)
+    n_frames = problem.motion.trajectory.n_frames
+    nlp = build_nlp(program, n_frames)
     p = nlp.parameters(np.arange(n_frames), np.ones(n_frames))
     parts = {("problem", "activation"): activation, ("problem", "control"): rng.normal(size=(n_frames, 2))}
     if fibers is not None:
@@ -72,11 +73,11 @@ def inside(problem, rng):
     Thelen's passive curve bends at optimal length, his tendon curve at slack length and at 0.33 of F0, his
     force-velocity curve at rest: no second derivative exists there.
     """
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     elastic = [m for m, name in enumerate(muscles.muscle_class) if name != RIGID]
-    activation = rng.uniform(0.2, 0.8, (problem.trajectory.n_frames, muscles.n_muscles))
+    activation = rng.uniform(0.2, 0.8, (problem.motion.trajectory.n_frames, muscles.n_muscles))
     strain = rng.choice([0.012, 0.02, 0.04, 0.05], activation.shape)
-    length = problem.trajectory.muscle_tendon_length
+    length = problem.motion.trajectory.muscle_tendon_length
     fibers = length - (1 + strain) * muscles.tendon_slack_length
     optimal = muscles.optimal_fiber_length
     near = np.abs(np.hypot(fibers, optimal * np.sin(muscles.pennation_angle_at_optimal)) / optimal - 1) < 0.02
@@ -103,11 +104,15 @@ def test_elastic_tendons_of_mixed_classes_with_a_fiber_at_rest(rng):
         scso.CompliantTendon(fiber_velocity="from_path", short_fibers="silence"),
         n_frames=2,
     )
-    length = problem.trajectory.muscle_tendon_length.copy()
-    length[1, 0] = 0.9 * problem.muscles.tendon_slack_length[0]
+    length = problem.motion.trajectory.muscle_tendon_length.copy()
+    length[1, 0] = 0.9 * problem.motion.muscles.tendon_slack_length[0]
     activation, fibers = inside(problem, rng)
     problem = dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, muscle_tendon_length=length)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length),
+        ),
     )
     check(problem, activation, fibers)
 
@@ -140,7 +145,9 @@ def test_activation_dynamics_with_elastic_tendons(rng):
     time = np.array([0.0, 0.01, 0.04])
     problem = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(problem.trajectory, time=time),
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, time=time)
+        ),
         constraints=(*problem.constraints, scso.ActivationDynamics(), scso.ActivationRate()),
     )
     activation, fibers = inside(problem, rng)

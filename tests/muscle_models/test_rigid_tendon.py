@@ -16,21 +16,27 @@ def test_opensim_force_is_activation_times_the_capacity_of_the_frame(rng):
     problem = random_problem(rng, muscle_model=scso.RigidTendon(convention="opensim"))
     activation = rng.uniform(0, 1, (3, 10))
     force = evaluate_terms(problem, activation)[2]
-    np.testing.assert_allclose(force, activation * problem.trajectory.active_force_capacity, rtol=1e-15)
+    np.testing.assert_allclose(
+        force, activation * problem.motion.trajectory.active_force_capacity, rtol=1e-15
+    )
 
 
 def test_a_muscle_without_capacity_in_a_frame_gives_no_force_there(rng):
     problem = random_problem(rng, muscle_model=scso.RigidTendon(), reserve=5.0, stability=False)
-    capacity = problem.trajectory.active_force_capacity.copy()
+    capacity = problem.motion.trajectory.active_force_capacity.copy()
     capacity[1] = 0.0
     problem = dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, active_force_capacity=capacity)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, active_force_capacity=capacity),
+        ),
     )
     for solve in (scso.solve_trajectory, scso.solve_framewise):
         solution = solve(problem)
         np.testing.assert_array_equal(solution.tendon_force[1], 0.0)
         np.testing.assert_allclose(
-            solution.actuator_force[1], problem.trajectory.generalized_forces[1], rtol=1e-9
+            solution.actuator_force[1], problem.motion.trajectory.generalized_forces[1], rtol=1e-9
         )
 
 
@@ -56,15 +62,15 @@ def test_physical_force_of_a_thelen_muscle_is_not_affine_in_activation(rng):
     problem = mixed_problem(
         rng, scso.RigidTendon(convention="physical"), classes=(THELEN,), shapes=({},), n_frames=1
     )
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     trajectory = dataclasses.replace(
-        problem.trajectory,
+        problem.motion.trajectory,
         muscle_tendon_length=[[muscles.tendon_slack_length[0] + muscles.optimal_fiber_length[0]]],
         muscle_tendon_velocity=[
             [-0.2 * muscles.optimal_fiber_length[0] * muscles.max_contraction_velocity[0]]
         ],
     )
-    problem = dataclasses.replace(problem, trajectory=trajectory)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
     some, full = (evaluate_terms(problem, [[a]])[2][0, 0] for a in (0.1, 1.0))
     assert some / (0.1 * full) == pytest.approx(0.25, abs=0.005)
 
@@ -95,7 +101,7 @@ def test_physical_forces_without_thelen_muscles_are_the_optimum_of_a_quadratic_p
     ones, zeros = np.ones((4, 5)), np.zeros((4, 5))
     passive = rigid_force(problem, zeros)
     active = rigid_force(problem, ones) - passive
-    trajectory, muscles = problem.trajectory, problem.muscles
+    trajectory, muscles = problem.motion.trajectory, problem.motion.muscles
     for k in range(4):
         arms = trajectory.moment_arms[k]
         expected = solve_qp(
@@ -112,16 +118,16 @@ def test_physical_forces_without_thelen_muscles_are_the_optimum_of_a_quadratic_p
 
 
 def with_path(problem, k, m, length):
-    lengths = problem.trajectory.muscle_tendon_length.copy()
+    lengths = problem.motion.trajectory.muscle_tendon_length.copy()
     lengths[k, m] = length
-    trajectory = dataclasses.replace(problem.trajectory, muscle_tendon_length=lengths)
-    return dataclasses.replace(problem, trajectory=trajectory)
+    trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=lengths)
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
 
 
 @pytest.mark.parametrize(("m", "name"), [(0, "m1"), (1, "m2"), (2, "m3"), (3, "m4")])
 def test_a_path_too_short_for_its_tendon_is_refused_by_muscle_and_time_or_silenced(rng, caplog, m, name):
     problem = mixed_problem(rng, scso.RigidTendon(convention="physical"))
-    problem = with_path(problem, 2, m, 0.9 * problem.muscles.tendon_slack_length[m])
+    problem = with_path(problem, 2, m, 0.9 * problem.motion.muscles.tendon_slack_length[m])
     said = rf"path of '{name}' is too short for a rigid tendon at t = 0.02 s.*short_fibers='silence'"
     for solve in (scso.solve_trajectory, scso.solve_framewise):
         with pytest.raises(scso.DataError, match=said):
@@ -142,8 +148,10 @@ def test_the_log_says_what_becomes_of_passive_forces_and_which_fibers_can_push(r
         scso.solve_trajectory(problem)
     said = [record.message for record in caplog.records if "passive fiber force" in record.message]
     assert said == ["tiny: passive fiber force and damping are included"]
-    least = rigid_force(problem, np.broadcast_to(problem.muscles.min_activation, (4, 8)))
-    pushing = [name for name, low in zip(problem.muscles.muscles, least.min(axis=0), strict=True) if low < 0]
+    least = rigid_force(problem, np.broadcast_to(problem.motion.muscles.min_activation, (4, 8)))
+    pushing = [
+        name for name, low in zip(problem.motion.muscles.muscles, least.min(axis=0), strict=True) if low < 0
+    ]
     assert pushing, "no muscle of the example pushes"
     (warning,) = [record.message for record in caplog.records if "push" in record.message]
     assert set(pushing) <= set(warning.rsplit(": ", 1)[1].split(", "))
@@ -151,10 +159,12 @@ def test_the_log_says_what_becomes_of_passive_forces_and_which_fibers_can_push(r
 
 def test_a_negative_capacity_of_opensim_is_named(rng, caplog):
     problem = mixed_problem(rng, scso.RigidTendon())
-    capacity = problem.trajectory.active_force_capacity.copy()
+    capacity = problem.motion.trajectory.active_force_capacity.copy()
     capacity[1, 2] = -85.0
-    trajectory = dataclasses.replace(problem.trajectory, active_force_capacity=capacity)
-    scso.solve_trajectory(dataclasses.replace(problem, trajectory=trajectory))
+    trajectory = dataclasses.replace(problem.motion.trajectory, active_force_capacity=capacity)
+    scso.solve_trajectory(
+        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    )
     assert "can push by up to 85 N, where the model has no floor: m3" in caplog.text
 
 

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
 from helpers import central_difference, two_antagonists
-from lifted_stability import LiftedStability
 from muscle_models.classes import slope
 from muscle_models.mixed_muscles import mixed_problem
 from scipy.optimize import brentq
 
 import scso_nlp as scso
+from problems.random_hessian.lifted_stability import LiftedStability
 from scso_nlp.constraints import CoordinateStability, HessianStability
 from scso_nlp.muscle_models.compliant_tendon import CompliantTendon
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.muscle_classes import curves_of
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.trajectory import CoordinateCurvature
-from scso_nlp.transcription.build import describe, evaluate, split_rows
+from scso_nlp.transcription.describe import describe
+from scso_nlp.transcription.piece import evaluate
 
 LAWS = [ShortRangeStiffness(), ShortRangeStiffness(constant=10.0), FiberStiffness()]
 MODELS = [scso.NoPhysiology(), scso.RigidTendon(convention="physical"), CompliantTendon()]
@@ -30,7 +31,7 @@ MODELS = [scso.NoPhysiology(), scso.RigidTendon(convention="physical"), Complian
 
 def with_flat_curvature(problem):
     """Give a problem of mixed muscles curvature of no size and a load that any muscle makes up for."""
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     shape = (trajectory.n_frames, len(trajectory.coordinates))
     curvature = CoordinateCurvature(
         coordinates=trajectory.coordinates,
@@ -40,12 +41,17 @@ def with_flat_curvature(problem):
         asymmetry=np.zeros((shape[0], len(trajectory.muscles))),
         is_uncertain=np.zeros((shape[0], len(trajectory.muscles)), dtype=bool),
     )
-    return dataclasses.replace(problem, trajectory=dataclasses.replace(trajectory, curvature=curvature))
+    return dataclasses.replace(
+        problem,
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(trajectory, curvature=curvature)
+        ),
+    )
 
 
 def fibers(problem, state):
     """Fiber length and cosine: from a compliant model's unknowns, or with a tendon of slack length."""
-    muscles, length = problem.muscles, problem.trajectory.muscle_tendon_length
+    muscles, length = problem.motion.muscles, problem.motion.trajectory.muscle_tendon_length
     along = length - muscles.tendon_slack_length
     for m, muscle in enumerate(muscles.muscles):
         label = f"{muscle}_fiber"
@@ -58,7 +64,7 @@ def fibers(problem, state):
 
 def stiffness_by_hand(problem, law, activation, force, state):
     """Fiber along the tendon and tendon in series; the curves are the package's, the rest is written out."""
-    muscles = problem.muscles
+    muscles = problem.motion.muscles
     fiber, cosine = fibers(problem, state)
     result = np.zeros(force.shape)
     for m, opensim_class in enumerate(muscles.muscle_class):
@@ -68,7 +74,7 @@ def stiffness_by_hand(problem, law, activation, force, state):
         if isinstance(law, ShortRangeStiffness):
             along_fiber = law.constant * force[:, m] / cosine[:, m] / optimal
         else:
-            speed = problem.trajectory.muscle_tendon_velocity[:, m] * cosine[:, m]
+            speed = problem.motion.trajectory.muscle_tendon_velocity[:, m] * cosine[:, m]
             speed = speed / (optimal * muscles.max_contraction_velocity[m])
             multiplier = on_arrays(
                 lambda v, a, c=curves, s=shape: c.force_velocity(v, s, a), speed, activation[:, m]
@@ -111,12 +117,12 @@ def test_every_law_is_its_formula_with_every_muscle_model_and_class(rng, model, 
     labels = {}
     for name, values in solution.variables.items():
         if name.endswith("fiber_length_along_tendon"):
-            spec = model.variables(problem)[0]
+            spec = model.variables(problem.motion)[0]
             labels = dict(zip(spec.labels, values.T, strict=True))
     expected = stiffness_by_hand(problem, law, solution.activation, solution.tendon_force, labels)
     found = solution.quantities["CoordinateStability.muscle_stiffness"]
     # central differences of the curves are good to 1e-7 of their largest slope
-    scale = 1e-6 * problem.muscles.max_isometric_force / problem.muscles.optimal_fiber_length
+    scale = 1e-6 * problem.motion.muscles.max_isometric_force / problem.motion.muscles.optimal_fiber_length
     pulls = solution.tendon_force > 0  # damping lets fast fibers push a little; that has no short range
     assert pulls.mean() > 0.9
     assert (np.abs(found - expected) <= scale + 1e-6 * np.abs(expected))[pulls].all()
@@ -129,9 +135,8 @@ def test_rows_that_are_not_affine_are_found_and_have_exact_derivatives(rng, mode
     rows = CoordinateStability(stiffness=law)
     problem = dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
     program = describe(problem)
-    assert any(set(numbers) >= {2, 3} for _, numbers in split_rows(program).nonlinear)
-    block = [b.term for b in program.row_blocks].index("CoordinateStability")
-    piece = program.rows[block]
+    assert any(set(numbers) >= {2, 3} for _, numbers in program.split.nonlinear)
+    piece = next(b.piece for b in program.rows.blocks if b.term == "CoordinateStability")
     x = program.layout.rows("guess", 2) / program.layout.scale
     (symbol,) = piece.unknowns
     hessian, gradient = ca.hessian(piece.expression[0], symbol)
@@ -157,14 +162,18 @@ def test_co_contraction_with_short_range_stiffness_is_what_a_root_finder_says():
     moment, arm, strength = 5.0, 0.05, 2000.0
     problem = two_antagonists(moment, external_work=60.0, strength=strength)
     muscles = dataclasses.replace(
-        problem.muscles,
+        problem.motion.muscles,
         tendon_slack_length=[0.1, 0.1],
         muscle_class=("DeGrooteFregly2016Muscle",) * 2,
         optimal_fiber_length=[0.1, 0.1],
     )
     law = ShortRangeStiffness()
     rows = scso.JointStability(stiffness=law, joints=("elbow",), axes=("z",))
-    problem = dataclasses.replace(problem, muscles=muscles, constraints=(scso.MomentEquilibrium(), rows))
+    problem = dataclasses.replace(
+        problem,
+        motion=dataclasses.replace(problem.motion, muscles=muscles),
+        constraints=(scso.MomentEquilibrium(), rows),
+    )
     solution = scso.solve_trajectory(problem)
 
     def stability(least):
@@ -187,13 +196,14 @@ def stiff_problem(rng, law, model=None, **options):
     """The random motion of the matrix inequality with fibers of one optimal length."""
     problem = hessian_problem(rng, **options)
     muscles = dataclasses.replace(
-        problem.muscles,
-        tendon_slack_length=np.full(problem.muscles.n_muscles, 0.1),
-        muscle_class=("DeGrooteFregly2016Muscle", "Thelen2003Muscle") * (problem.muscles.n_muscles // 2),
+        problem.motion.muscles,
+        tendon_slack_length=np.full(problem.motion.muscles.n_muscles, 0.1),
+        muscle_class=("DeGrooteFregly2016Muscle", "Thelen2003Muscle")
+        * (problem.motion.muscles.n_muscles // 2),
     )
     return dataclasses.replace(
         problem,
-        muscles=muscles,
+        motion=dataclasses.replace(problem.motion, muscles=muscles),
         muscle_model=model or problem.muscle_model,
         constraints=(scso.MomentEquilibrium(), HessianStability(stiffness=law, level=20.0)),
     )
@@ -210,21 +220,23 @@ def test_the_full_hessian_with_short_range_stiffness_is_stable_and_optimal(rng, 
     assert solution.objective > 1.02 * plain.objective
     level = CoordinateCurvature(
         **{
-            name: getattr(problem.trajectory.curvature, name)
+            name: getattr(problem.motion.trajectory.curvature, name)
             for name in ("coordinates", "path_curvature", "passive_stiffness", "asymmetry", "is_uncertain")
         },
-        load_stiffness=problem.trajectory.curvature.load_stiffness - 20.0 * np.eye(4),
+        load_stiffness=problem.motion.trajectory.curvature.load_stiffness - 20.0 * np.eye(4),
     )
     lifted = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(problem.trajectory, curvature=level),
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, curvature=level)
+        ),
         constraints=(scso.MomentEquilibrium(), LiftedStability(stiffness=law)),
     )
     assert solution.objective == pytest.approx(scso.solve_trajectory(lifted).objective, rel=1e-5)
 
 
 def check_stable(solution, level):
-    for k in range(solution.problem.trajectory.n_frames):
+    for k in range(solution.problem.motion.trajectory.n_frames):
         stiffness = solution.quantities["HessianStability.muscle_stiffness"][k]
         hessian = hessian_by_hand(solution.problem, k, solution.tendon_force[k], stiffness)
         assert np.linalg.eigvalsh(hessian)[0] > level - 1e-5
@@ -257,9 +269,9 @@ def test_proportional_stiffness_at_the_equivalent_gain_gives_the_same_rows(rng):
     """Without a tendon and without pennation γ F / l0 is q F / L with q = γ L / l0."""
     problem = stiff_problem(rng, ShortRangeStiffness())
     rigid = dataclasses.replace(
-        problem.muscles, muscle_class=("RigidTendonMuscle",) * problem.muscles.n_muscles
+        problem.motion.muscles, muscle_class=("RigidTendonMuscle",) * problem.motion.muscles.n_muscles
     )
-    problem = dataclasses.replace(problem, muscles=rigid)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=rigid))
     same = dataclasses.replace(
         problem,
         constraints=(
@@ -280,16 +292,19 @@ def test_a_constant_without_meaning_is_refused(constant):
 
 def test_a_muscle_class_without_curves_is_refused_by_name(rng):
     problem = hessian_problem(rng)
-    muscles = dataclasses.replace(problem.muscles, muscle_class=("Millard2012AccelerationMuscle",) * 16)
+    muscles = dataclasses.replace(
+        problem.motion.muscles, muscle_class=("Millard2012AccelerationMuscle",) * 16
+    )
     with pytest.raises(scso.DataError, match="muscle 'm1' is a Millard2012AccelerationMuscle"):
-        ShortRangeStiffness().data(dataclasses.replace(problem, muscles=muscles))
+        ShortRangeStiffness().data(dataclasses.replace(problem.motion, muscles=muscles))
 
 
 def test_a_path_shorter_than_its_tendon_still_has_a_finite_stiffness(rng):
     problem = mixed_problem(rng, scso.NoPhysiology())
     short = dataclasses.replace(
-        problem.trajectory, muscle_tendon_length=np.full_like(problem.trajectory.muscle_tendon_length, 0.1)
+        problem.motion.trajectory,
+        muscle_tendon_length=np.full_like(problem.motion.trajectory.muscle_tendon_length, 0.1),
     )
-    data = ShortRangeStiffness().data(dataclasses.replace(problem, trajectory=short))
-    assert (data["rigid_fiber_length"] >= 0.01 * problem.muscles.optimal_fiber_length - 1e-15).all()
+    data = ShortRangeStiffness().data(dataclasses.replace(problem.motion, trajectory=short))
+    assert (data["rigid_fiber_length"] >= 0.01 * problem.motion.muscles.optimal_fiber_length - 1e-15).all()
     assert (data["rigid_cos_pennation"] > 0.09).all()

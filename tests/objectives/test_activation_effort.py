@@ -63,9 +63,9 @@ def test_min_max_bounds_every_weighted_size_from_above(rng, point):
 @pytest.mark.parametrize("weights", ["volume", "pcsa"])
 def test_weights_by_size_have_a_mean_of_one(rng, point, weights):
     problem = random_problem(rng, reserve=5.0, weights=weights)
-    size = problem.muscles.max_isometric_force.copy()
+    size = problem.motion.muscles.max_isometric_force.copy()
     if weights == "volume":
-        size *= problem.muscles.optimal_fiber_length
+        size *= problem.motion.muscles.optimal_fiber_length
     activation, control = point
     expected = np.einsum("m,km->k", size / size.mean(), activation**2) + (control**2).sum(axis=1)
     np.testing.assert_allclose(

@@ -25,11 +25,15 @@ def test_the_function_sees_forces_arms_moments_and_controls_of_its_frame(rng):
         )
 
     problem = random_problem(rng, reserve=5.0)
-    trajectory = dataclasses.replace(problem.trajectory, muscle_tendon_velocity=rng.normal(size=(3, 10)))
-    problem = dataclasses.replace(problem, trajectory=trajectory, objectives=(everything,))
+    trajectory = dataclasses.replace(
+        problem.motion.trajectory, muscle_tendon_velocity=rng.normal(size=(3, 10))
+    )
+    problem = dataclasses.replace(
+        problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory), objectives=(everything,)
+    )
     activation, control = rng.uniform(0, 1, (3, 10)), rng.normal(size=(3, 3))
     costs, _, _ = evaluate_terms(problem, activation, control)
-    force = activation * problem.muscles.max_isometric_force
+    force = activation * problem.motion.muscles.max_isometric_force
     torque = np.einsum("kcm,km->kc", trajectory.moment_arms, force)
     torque += np.einsum("kca,ka->kc", trajectory.actuator_generalized_forces, control)
     expected = np.einsum("kc,kc->k", torque, trajectory.generalized_forces)
@@ -49,7 +53,7 @@ def test_the_weight_multiplies_the_function(rng):
     term = scso.FunctionObjective(function=joint_load, weight=0.25)
     problem = dataclasses.replace(problem, objectives=(term,))
     activation = rng.uniform(0, 1, (3, 10))
-    force = activation * problem.muscles.max_isometric_force
+    force = activation * problem.motion.muscles.max_isometric_force
     found = evaluate_terms(problem, activation)[0]["joint_load"]
     np.testing.assert_allclose(found, 0.25 * (force.sum(axis=1) / 1000.0) ** 2, rtol=1e-12)
 

@@ -12,9 +12,9 @@ from scso_nlp.constraints import CoordinateStability, HessianStability, JointSta
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.methods import static_optimization
 from scso_nlp.muscle_models import NoPhysiology
 from scso_nlp.opensim import load_motion
-from scso_nlp.problem import static_optimization
 from scso_nlp.solution import Solution
 from scso_nlp.solve import solve_framewise
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
@@ -40,7 +40,7 @@ def pose(tiny: Tiny, shoulder: float = SHOULDER, elbow: float = ELBOW, **changes
     motion = write_motion(tiny.folder / "pose.mot", time, {k: np.array(v) for k, v in angles.items()})
     return load_motion(
         model=tiny.model, coordinates=motion, final_time=0.0, curvature_coordinates="all", **changes
-    )[0]
+    ).trajectory
 
 
 def edit(tiny: Tiny, old: str, new: str) -> None:
@@ -81,9 +81,9 @@ def test_curvature_is_the_second_difference_of_opensims_path_lengths(
 ) -> None:
     """Straight, via and moving points, knees that slide and roll on splines."""
     folder = shared_data / "gait10dof18musc"
-    trajectory, _, _ = load_motion(
+    trajectory = load_motion(
         folder / "setup_static_optimization.xml", step_interval=30, curvature_coordinates="all"
-    )
+    ).trajectory
     curvature = curvature_of(trajectory)
     assert set(curvature.coordinates) == {
         f"{x}_{s}" for x in ("hip_flexion", "knee_angle", "ankle_angle") for s in "rl"
@@ -117,7 +117,9 @@ def _linear(tiny: Tiny) -> Path:
 
 
 def test_a_muscle_around_a_cylinder_has_no_curvature(tiny: Tiny) -> None:
-    trajectory, _, _ = load_motion(tiny.setup, curvature_coordinates=("elbow_flexion", "shoulder_flexion"))
+    trajectory = load_motion(
+        tiny.setup, curvature_coordinates=("elbow_flexion", "shoulder_flexion")
+    ).trajectory
     curvature = curvature_of(trajectory)
     assert curvature.coordinates == ("elbow_flexion", "shoulder_flexion")
     skeleton = trajectory.skeleton
@@ -188,7 +190,7 @@ def test_kinks_of_a_moving_points_spline_are_spanned_and_marked(shared_data: Pat
     """The splines of this knee's moving points have two knots 0.2 mrad apart at a straight knee."""
     folder = shared_data / "gait10dof18musc"
     model = folder / "gait10dof18musc_simbody.osim"
-    names = load_motion(folder / "setup_static_optimization.xml", final_time=0.6)[0].coordinates
+    names = load_motion(folder / "setup_static_optimization.xml", final_time=0.6).trajectory.coordinates
     time = np.linspace(0, 0.1, 11)
 
     def at(knee: float) -> MotionTrajectory:
@@ -196,7 +198,7 @@ def test_kinks_of_a_moving_points_spline_are_spanned_and_marked(shared_data: Pat
         motion = write_motion(tmp_path / "pose.mot", time, columns)
         return load_motion(
             model=model, coordinates=motion, final_time=0.0, curvature_coordinates="knee_angle_r"
-        )[0]
+        ).trajectory
 
     kinked, bent = at(1e-4), at(-0.05)
     marked = np.flatnonzero(curvature_of(kinked).is_uncertain[0])
@@ -238,7 +240,9 @@ def test_weights_stiffen_as_opensims_inverse_dynamics_changes(shared_data: Path,
     folder = shared_data / "gait10dof18musc"
     model = folder / "gait10dof18musc_simbody.osim"
     setup = folder / "setup_static_optimization.xml"
-    trajectory, _, _ = load_motion(setup, external_loads=None, final_time=0.6, curvature_coordinates="all")
+    trajectory = load_motion(
+        setup, external_loads=None, final_time=0.6, curvature_coordinates="all"
+    ).trajectory
     curvature = curvature_of(trajectory)
     rows = [trajectory.coordinates.index(name) for name in curvature.coordinates]
     values = []
@@ -299,13 +303,13 @@ def test_a_closed_loop_gives_the_change_of_its_reduced_moment_arms(tiny: Tiny) -
 @pytest.mark.parametrize("example", ["elbow", "spine-load-height", "spine-postures"])
 def test_along_hinges_straight_paths_are_as_potvin_and_brown_have_them(example: str) -> None:
     motion = load_motion(example_folder(example) / "setup.xml", curvature_coordinates="all")
-    problem = static_optimization(*motion)
-    by_axis = JointStability().stability_rows(problem)
-    by_coordinate = CoordinateStability().stability_rows(problem)
+    problem = static_optimization(motion)
+    by_axis = JointStability().stability_rows(problem.motion)
+    by_coordinate = CoordinateStability().stability_rows(problem.motion)
     axis_of = {"flexion": "z", "abduction_right": "x", "twist_left": "y"}
     rows = []
     for name in by_coordinate.rows:
-        joint = next(j for j in motion[0].skeleton.joints if name.startswith(j))  # type: ignore[union-attr]
+        joint = next(j for j in motion.trajectory.skeleton.joints if name.startswith(j))  # type: ignore[union-attr]
         letter = axis_of.get(name.removeprefix(joint).strip("_"), "z")
         rows.append(by_axis.rows.index(f"{joint}_{letter}"))
     scale = np.abs(by_axis.curvature).max()
@@ -326,12 +330,12 @@ def test_where_every_axis_is_stable_some_combined_turn_of_the_spine_is_not(q: fl
     lowest = []
     for example in ("spine-load-height", "spine-postures"):
         motion = load_motion(example_folder(example) / "setup.xml", curvature_coordinates="all")
-        plain = static_optimization(*motion, muscle_model=NoPhysiology())
+        plain = static_optimization(motion, muscle_model=NoPhysiology())
         rule = CoordinateStability(q=q)
         full = HessianStability(q=q)
         solution = solve_framewise(replace(plain, constraints=(*plain.constraints, rule)))
         stiffness = solution.quantities["CoordinateStability.muscle_stiffness"]
-        hessian = full.terms(plain).hessian(solution.tendon_force, stiffness)
+        hessian = full.terms(plain.motion).hessian(solution.tendon_force, stiffness)
         # the solver keeps rows to 1e-8 of their scale of 10 N·m/rad
         assert np.einsum("kii->ki", hessian).min() > -1e-5
         lowest += np.linalg.eigvalsh(hessian)[:, 0].tolist()
@@ -354,7 +358,7 @@ def test_published_passive_stiffness_makes_the_whole_hessian_of_the_spine_afford
         )
     )
     motion = load_motion(example_folder("spine-postures") / "setup.xml", curvature_coordinates="all")
-    plain = static_optimization(*motion, muscle_model=NoPhysiology())
+    plain = static_optimization(motion, muscle_model=NoPhysiology())
 
     def solve(*terms: StabilityConstraint) -> Solution:
         problem = replace(plain, constraints=(*plain.constraints, *terms))
@@ -374,7 +378,7 @@ def test_published_passive_stiffness_makes_the_whole_hessian_of_the_spine_afford
 
 def test_walking_moment_arms_around_wraps_are_hardly_a_gradient(shared_data: Path) -> None:
     """OpenSim's wrapping: dr_i/dq_j and dr_j/dq_i differ, by little; measured here, reported to the user."""
-    trajectory, _, _ = load_motion(
+    trajectory = load_motion(
         shared_data / "walking3d" / "setup_static_optimization.xml",
         step_interval=200,
         curvature_coordinates=(
@@ -384,7 +388,7 @@ def test_walking_moment_arms_around_wraps_are_hardly_a_gradient(shared_data: Pat
             "knee_angle_r",
             "ankle_angle_r",
         ),
-    )
+    ).trajectory
     curvature = curvature_of(trajectory)
     skeleton = trajectory.skeleton
     assert skeleton is not None

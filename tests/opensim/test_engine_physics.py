@@ -11,8 +11,8 @@ from defusedxml import ElementTree
 from tiny_model import Tiny, ask_opensim, setup_text
 
 from scso_nlp.io.storage import read_storage
+from scso_nlp.methods import static_optimization
 from scso_nlp.opensim import load_motion
-from scso_nlp.problem import static_optimization
 from scso_nlp.solve import solve_framewise
 from scso_nlp.trajectory import MotionTrajectory
 
@@ -30,7 +30,7 @@ MODELS = {
 
 
 def test_static_pose_of_a_double_pendulum_has_the_moments_of_gravity_load_and_spring(tiny: Tiny) -> None:
-    trajectory, _, _ = load_motion(model=tiny.model, coordinates=tiny.still, external_loads=tiny.loads)
+    trajectory = load_motion(model=tiny.model, coordinates=tiny.still, external_loads=tiny.loads).trajectory
     shoulder, elbow, g = 0.3, 0.7, tiny_model.GRAVITY
     slide = tiny_model.SLIDE_PER_RADIAN * elbow
 
@@ -68,7 +68,7 @@ def test_static_pose_of_a_double_pendulum_has_the_moments_of_gravity_load_and_sp
 
 def test_a_muscle_around_a_cylinder_has_the_cylinders_radius_as_moment_arm(tiny: Tiny) -> None:
     axes = (("elbow", "z"), ("shoulder", "z"))
-    trajectory, _, _ = load_motion(tiny.setup, stability_axes=axes)
+    trajectory = load_motion(tiny.setup, stability_axes=axes).trajectory
     skeleton = trajectory.skeleton
     assert skeleton is not None
     m = trajectory.muscles.index("wrapped")
@@ -84,7 +84,8 @@ def test_a_muscle_around_a_cylinder_has_the_cylinders_radius_as_moment_arm(tiny:
 
 
 def test_point_actuators_and_reserves_push_by_their_optimal_force(tiny: Tiny) -> None:
-    trajectory, muscles, actuators = load_motion(tiny.setup)
+    motion = load_motion(tiny.setup)
+    trajectory, actuators = motion.trajectory, motion.actuators
     assert trajectory.actuators == actuators.actuators == ("elbow_reserve", "push")
     np.testing.assert_array_equal(actuators.optimal_force, [4, 5])
     np.testing.assert_array_equal(actuators.min_control, [-np.inf, -2])
@@ -101,12 +102,12 @@ def test_point_actuators_and_reserves_push_by_their_optimal_force(tiny: Tiny) ->
     np.testing.assert_allclose(
         trajectory.actuator_generalized_forces[:, :, 1], np.stack([shoulder, elbow], axis=1), atol=1e-12
     )
-    assert "switched_off" not in muscles.muscles
+    assert "switched_off" not in motion.muscles.muscles
     assert trajectory.force_columns[:4] == ("flexor", "wrapped", "through_slider", "ligament_Force")
 
 
 def test_moment_arms_are_the_gradient_of_length_including_the_coupled_slider(tiny: Tiny) -> None:
-    trajectory, _, _ = load_motion(tiny.setup, lowpass_cutoff_frequency=None)
+    trajectory = load_motion(tiny.setup, lowpass_cutoff_frequency=None).trajectory
     rate = -np.einsum("kcm,kc->km", trajectory.moment_arms, trajectory.coordinate_speeds)
     np.testing.assert_allclose(trajectory.muscle_tendon_velocity, rate, atol=1e-12)
 
@@ -120,7 +121,7 @@ def test_moment_arms_equal_opensims_moment_arm_solver(
     else:
         folder = request.getfixturevalue("shared_data") / case
         model, setup = (folder / name for name in MODELS[case])
-    trajectory, _, _ = load_motion(setup, step_interval=100 if case == "walking3d" else 20)
+    trajectory = load_motion(setup, step_interval=100 if case == "walking3d" else 20).trajectory
     frames = [0, trajectory.n_frames // 2, trajectory.n_frames - 1]
     answer = ask_opensim(
         tiny.folder,
@@ -165,7 +166,7 @@ def test_opensims_own_static_optimization_balances_our_equations(
         else:
             shutil.copytree(source, folder)
             setup = folder / MODELS[case][1]
-    trajectory, _, _ = load_motion(setup)
+    trajectory = load_motion(setup).trajectory
     results = tiny.folder / "results"
     ask_opensim(tiny.folder, kind="static optimization", setup=setup, results=results)
     activation, force = (
@@ -204,28 +205,28 @@ def test_a_setup_whose_motion_contradicts_the_couplers_still_answers_as_opensim(
     (warning,) = (message for message in caplog.messages if "contradict" in message)
     assert "knee_angle_r_beta by up to" in warning
     assert "OpenSim uses them and so do we; set keep_coupled_speeds=false" in warning
-    ours = solve_framewise(static_optimization(*motion))
+    ours = solve_framewise(static_optimization(motion))
     # OpenSim's own optimizer stops up to 0.01 from the optimum of its problem
     np.testing.assert_allclose(
         np.hstack([ours.activation, ours.control]),
-        theirs.columns(motion[0].muscles + motion[0].actuators),
+        theirs.columns(motion.trajectory.muscles + motion.trajectory.actuators),
         rtol=0,
         atol=0.01,
     )
-    capacity = motion[0].active_force_capacity
-    from_constraints = load_motion(setup, keep_coupled_speeds=False)[0].active_force_capacity
+    capacity = motion.trajectory.active_force_capacity
+    from_constraints = load_motion(setup, keep_coupled_speeds=False).trajectory.active_force_capacity
     # the quadriceps shorten with the patella
     assert np.abs(from_constraints - capacity).max() > 0.1 * capacity.max()
 
 
 def test_coupled_coordinates_can_take_their_speeds_from_the_constraints(tiny: Tiny) -> None:
     """On request a motion file with a wrong column for the slider changes nothing."""
-    right = load_motion(tiny.setup, keep_coupled_speeds=False)[0]
+    right = load_motion(tiny.setup, keep_coupled_speeds=False).trajectory
     text = tiny.moving.read_text().splitlines()
     start = text.index("endheader") + 2
     rows = [line.rsplit("\t", 1)[0] + f"\t{0.3 * (k % 5)}" for k, line in enumerate(text[start:])]
     tiny.moving.write_text("\n".join(text[:start] + rows) + "\n")
-    wrong = load_motion(tiny.setup, keep_coupled_speeds=False)[0]
+    wrong = load_motion(tiny.setup, keep_coupled_speeds=False).trajectory
     np.testing.assert_allclose(wrong.generalized_forces, right.generalized_forces, atol=1e-12)
     np.testing.assert_allclose(wrong.muscle_tendon_velocity, right.muscle_tendon_velocity, atol=1e-12)
 
@@ -256,7 +257,7 @@ def test_virtual_rotations_equal_the_closed_form_where_no_path_wraps(shared_data
     joints = ("ground_pelvis", "hip_r", "knee_r", "ankle_r", "back")
     axes = tuple((joint, axis) for joint in joints for axis in "xyz")
     setup = shared_data / "gait10dof18musc" / "setup_static_optimization.xml"
-    trajectory, _, _ = load_motion(setup, final_time=0.9, step_interval=10, stability_axes=axes)
+    trajectory = load_motion(setup, final_time=0.9, step_interval=10, stability_axes=axes).trajectory
     skeleton = trajectory.skeleton
     assert skeleton is not None
     compared = 0
@@ -272,7 +273,7 @@ def test_virtual_rotations_equal_the_closed_form_where_no_path_wraps(shared_data
 
 def test_joint_axes_are_orthonormal_where_the_joint_is_and_named_by_direction(shared_data: Path) -> None:
     setup = shared_data / "walking3d" / "setup_static_optimization.xml"
-    trajectory, _, _ = load_motion(setup, step_interval=300)
+    trajectory = load_motion(setup, step_interval=300).trajectory
     skeleton = trajectory.skeleton
     assert skeleton is not None
     assert "radius_hand_r" not in skeleton.joints, "welds cannot move"
@@ -297,12 +298,12 @@ def test_radians_without_a_header_and_epoch_times_load_as_they_are(
     caplog.set_level("INFO", logger="scso_nlp")
     ik = folder / "stoop15kg" / "ik.sto"
     start = 1667315995.54
-    trajectory, _, _ = load_motion(
+    trajectory = load_motion(
         model=folder / "lumbarModel_scaled.osim",
         coordinates=ik,
         initial_time=start + 0.01,
         final_time=start + 0.5,
-    )
+    ).trajectory
     assert any("inDegrees is missing, radians" in message for message in caplog.messages)
     assert trajectory.time[0] == pytest.approx(1667315995.544540, abs=1e-6)
     published = read_storage(folder / "stoop15kg" / "id.sto")
@@ -315,7 +316,7 @@ def test_radians_without_a_header_and_epoch_times_load_as_they_are(
 
 def test_setup_text_of_the_small_case_is_read_like_a_file_of_opensim(tiny: Tiny) -> None:
     (tiny.folder / "again.xml").write_text(setup_text(step_interval="7"))
-    every, seventh = (load_motion(tiny.folder / name)[0].time for name in ("setup.xml", "again.xml"))
+    every, seventh = (load_motion(tiny.folder / name).trajectory.time for name in ("setup.xml", "again.xml"))
     assert set(seventh) < set(every)
     assert (seventh[[0, -1]] == every[[0, -1]]).all()
 
@@ -336,7 +337,7 @@ def test_a_closed_loop_gives_up_one_coordinate_and_keeps_the_path_rates(
     _with_a_rod(tiny)
     caplog.set_level("INFO", logger="scso_nlp")
     # its motion file knows nothing of the rod
-    trajectory, _, _ = load_motion(tiny.setup, keep_coupled_speeds=False)
+    trajectory = load_motion(tiny.setup, keep_coupled_speeds=False).trajectory
     assert len(trajectory.coordinates) == 1
     assert any("chosen to close loops" in message for message in caplog.messages)
     rate = -trajectory.moment_arms[:, 0] * trajectory.coordinate_speeds
@@ -350,7 +351,7 @@ def test_statics_of_a_closed_loop_is_the_slope_of_its_potential(tiny: Tiny) -> N
     for k in range(2):
         angles = {"shoulder_flexion": 0.3 + 0.004 * k + 0 * time, "elbow_flexion": 0.7 + 0 * time}
         motion = tiny_model.write_motion(tiny.folder / f"still_{k}.mot", time, angles)
-        trajectory, _, _ = load_motion(model=tiny.model, coordinates=motion, final_time=0.0)
+        trajectory = load_motion(model=tiny.model, coordinates=motion, final_time=0.0).trajectory
         skeleton = trajectory.skeleton
         assert skeleton is not None
         height = skeleton.body_mass_centers[0, :, 1]

@@ -92,16 +92,16 @@ def test_opensims_convention_gives_the_activations_of_opensim_and_of_a_quadratic
 ):
     setup = copied(shared_data, tmp_path, case, opensim_class)
     motion = scso.load_motion(setup, keep_coupled_speeds=True)
-    problem = scso.static_optimization(*motion)
+    problem = scso.static_optimization(motion)
     solution = scso.solve_trajectory(problem)
     results = tmp_path / "results"
     ask_opensim(tmp_path, kind="static optimization", setup=setup, results=results)
     theirs = read_storage(next(results.glob("*_activation.sto")))
     np.testing.assert_allclose(
-        solution.activation, theirs.columns(problem.trajectory.muscles), rtol=0, atol=OPENSIM_TOLERANCE
+        solution.activation, theirs.columns(problem.motion.trajectory.muscles), rtol=0, atol=OPENSIM_TOLERANCE
     )
     framewise = scso.solve_framewise(problem)
-    for k in range(0, problem.trajectory.n_frames, 5):
+    for k in range(0, problem.motion.trajectory.n_frames, 5):
         expected = solve_qp_frame(problem, k)
         for found in (solution, framewise):
             np.testing.assert_allclose(unknowns(found, k), expected, rtol=0, atol=QP_TOLERANCE)
@@ -137,21 +137,21 @@ def assert_capacity_is_opensims(trajectory, muscles):
 def test_the_capacity_of_every_class_is_opensims_along_a_motion(case, opensim_class, shared_data, tmp_path):
     model = tmp_path / MODELS[case]
     model.write_text(as_class((shared_data / case / MODELS[case]).read_text(), opensim_class))
-    trajectory, muscles, _ = scso.load_motion(
+    motion = scso.load_motion(
         shared_data / case / SETUPS[case], model=model, step_interval=200 if case == "walking3d" else 5
     )
-    assert assert_capacity_is_opensims(trajectory, muscles) == [opensim_class]
+    assert assert_capacity_is_opensims(motion.trajectory, motion.muscles) == [opensim_class]
 
 
 def test_the_capacity_of_a_model_of_two_classes_is_opensims(shared_data):
     """A lumbar spine with 146 Thelen and 20 Millard muscles."""
     folder = shared_data / "back_lifting"
-    trajectory, muscles, _ = scso.load_motion(
+    motion = scso.load_motion(
         model=folder / "lumbarModel_scaled.osim",
         coordinates=folder / "stoop15kg" / "ik.sto",
         step_interval=20,
     )
-    classes = assert_capacity_is_opensims(trajectory, muscles)
+    classes = assert_capacity_is_opensims(motion.trajectory, motion.muscles)
     assert sorted(classes) == ["Millard2012EquilibriumMuscle", "Thelen2003Muscle"]
 
 
@@ -167,25 +167,25 @@ def test_curves_that_a_class_has_of_its_own_are_read_and_refused_where_they_are_
     def muscles_of(opensim_class, text):
         model.write_text(text)
         motion = scso.load_motion(setup, model=model, step_interval=100)
-        assert set(motion[1].muscle_class) == {opensim_class}
+        assert set(motion.muscles.muscle_class) == {opensim_class}
         return motion
 
     default = muscles_of("RigidTendonMuscle", as_class(text, "RigidTendonMuscle"))
-    given = default[1].curve_parameters[0]
+    given = default.muscles.curve_parameters[0]
     assert (given["force_velocity_curve.x22"], given["force_velocity_curve.y22"]) == (0.05, 1.482014)
-    muscle_groups(default[1])
+    muscle_groups(default.muscles)
     own = text.replace("Millard2012EquilibriumMuscle", "RigidTendonMuscle")
     motion = muscles_of("RigidTendonMuscle", own)
-    problem = scso.static_optimization(*motion, muscle_model=scso.RigidTendon(convention="physical"))
+    problem = scso.static_optimization(motion, muscle_model=scso.RigidTendon(convention="physical"))
     with pytest.raises(
         scso.DataError, match=r"default splines only, and it has active_force_length_curve\.oth"
     ):
         scso.solve_trajectory(problem)
     # OpenSim's own capacity needs no curves of ours.
-    assert scso.solve_trajectory(scso.static_optimization(*motion)).is_solved.all()
+    assert scso.solve_trajectory(scso.static_optimization(motion)).is_solved.all()
     de_groote = as_class(text, "DeGrooteFregly2016Muscle").replace(
         "<max_isometric_force>",
         "<ignore_passive_fiber_force>true</ignore_passive_fiber_force><max_isometric_force>",
     )
     motion = muscles_of("DeGrooteFregly2016Muscle", de_groote)
-    assert motion[1].curve_parameters[0]["ignore_passive_fiber_force"] == 1.0
+    assert motion.muscles.curve_parameters[0]["ignore_passive_fiber_force"] == 1.0

@@ -18,7 +18,12 @@ TIME = np.array([0.0, 0.01, 0.03, 0.04])
 
 def uneven(rng, **options):
     problem = random_problem(rng, n_frames=4, n_muscles=6, n_coordinates=2, **options)
-    return dataclasses.replace(problem, trajectory=dataclasses.replace(problem.trajectory, time=TIME))
+    return dataclasses.replace(
+        problem,
+        motion=dataclasses.replace(
+            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, time=TIME)
+        ),
+    )
 
 
 def with_terms(problem, objectives=(), constraints=()):
@@ -32,7 +37,7 @@ def with_terms(problem, objectives=(), constraints=()):
 def dense(problem, smoothness=0.0, fastest=None):
     """The whole motion as one quadratic program over all frames, solved by DAQP."""
     frames = [frame_arrays(problem, k) for k in range(4)]
-    n, m = frames[0][0].size, problem.muscles.n_muscles
+    n, m = frames[0][0].size, problem.motion.muscles.n_muscles
     hessian = np.diag(np.concatenate([2 * frame[0] for frame in frames]))
     difference = np.zeros((3 * m, 4 * n))
     for k in range(3):

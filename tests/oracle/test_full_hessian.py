@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from conic_oracle import hessian_problem, smallest_eigenvalue, solve_full_frame
 from coupled_terms import Smoothness
-from lifted_stability import LiftedStability
 
 import scso_nlp as scso
+from problems.random_hessian.lifted_stability import LiftedStability
 from scso_nlp.constraints import CoordinateStability, HessianStability
 
 #: What the formulation promises: objective relative to the conic optimum, and the smallest eigenvalue
@@ -30,13 +30,13 @@ def check(solution, *, q=5.0, level=0.0, passive=0.0, soft=None):
     """Compare every frame with Clarabel; check the Hessian from the arrays that the user receives."""
     problem = solution.problem
     total = 0.0
-    for k in range(problem.trajectory.n_frames):
+    for k in range(problem.motion.trajectory.n_frames):
         x, objective, missed = solve_full_frame(problem, k, q=q, level=level, passive=passive, soft=soft)
         total += objective
-        force, best = solution.tendon_force[k], x[: problem.muscles.n_muscles]
+        force, best = solution.tendon_force[k], x[: problem.motion.muscles.n_muscles]
         reached = smallest_eigenvalue(problem, k, force, q, level, passive)
         oracle = smallest_eigenvalue(
-            problem, k, best * problem.muscles.max_isometric_force, q, level, passive
+            problem, k, best * problem.motion.muscles.max_isometric_force, q, level, passive
         )
         gap = solution.variables["HessianStability.missed"][k, 0] if soft is not None else 0.0
         assert gap == pytest.approx(missed, abs=1e-3)
@@ -100,13 +100,13 @@ def test_without_the_models_own_passive_stiffness_more_co_contraction_is_needed(
 @pytest.mark.parametrize("solve", SOLVERS)
 def test_frames_that_no_activation_stabilises_are_marked_infeasible(rng, solve):
     problem = hessian_problem(rng, n_frames=4)
-    curvature = problem.trajectory.curvature
+    curvature = problem.motion.trajectory.curvature
     load = curvature.load_stiffness.copy()
     load[2] -= 1e5 * np.eye(4)
     trajectory = dataclasses.replace(
-        problem.trajectory, curvature=dataclasses.replace(curvature, load_stiffness=load)
+        problem.motion.trajectory, curvature=dataclasses.replace(curvature, load_stiffness=load)
     )
-    broken = dataclasses.replace(problem, trajectory=trajectory)
+    broken = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
     assert solve_full_frame(broken, 2) is None
     solution = solve(broken, on_failure="return")
     assert [s.is_solved for s in solution.frame_status] == [True, True, False, True]

@@ -104,8 +104,8 @@ def test_sums_and_maxima_are_as_small_as_a_linear_program_finds(solve, exponent,
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0])
 def test_a_muscle_that_is_switched_off_stays_off(solve, exponent, rng):
     problem = random_problem(rng, exponent=exponent, reserve=5.0, stability=False)
-    muscles = dataclasses.replace(problem.muscles, max_activation=[0.0, 0.0, *np.ones(8)])
-    problem = dataclasses.replace(problem, muscles=muscles)
+    muscles = dataclasses.replace(problem.motion.muscles, max_activation=[0.0, 0.0, *np.ones(8)])
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
     solution = solve(problem)
     np.testing.assert_array_equal(solution.activation[:, :2], 0.0)
     for k in range(3):

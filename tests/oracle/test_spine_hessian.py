@@ -12,9 +12,9 @@ import pytest
 from conic_oracle import hessian_by_hand, smallest_eigenvalue, solve_full_frame
 
 import scso_nlp as scso
-from scso_nlp.analysis.reach import reachable_stability
 from scso_nlp.constraints import CoordinateStability, HessianStability
 from scso_nlp.examples import example_folder
+from scso_nlp.solve.reach import reachable_stability
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
 
 pytestmark = pytest.mark.opensim
@@ -29,9 +29,9 @@ N_TASKS = {"spine-load-height": 10, "spine-postures": 8}
 def plain(request):
     """Static optimization of one example, with curvature of its six coordinates."""
     setup = example_folder(request.param) / "setup.xml"
-    trajectory, muscles, actuators = scso.load_motion(setup, curvature_coordinates=COORDINATES)
-    assert trajectory.n_frames == N_TASKS[request.param]
-    return scso.static_optimization(trajectory, muscles, actuators, muscle_model=scso.NoPhysiology())
+    motion = scso.load_motion(setup, curvature_coordinates=COORDINATES)
+    assert motion.n_frames == N_TASKS[request.param]
+    return scso.static_optimization(motion, muscle_model=scso.NoPhysiology())
 
 
 def with_rule(plain, rule):
@@ -42,16 +42,16 @@ def with_rule(plain, rule):
 def test_the_rule_about_axes_holds_and_the_smallest_eigenvalue_is_negative_in_every_task(plain, q):
     solution = scso.solve_trajectory(with_rule(plain, scso.JointStability(q=q)))
     assert solution.rows["JointStability"].value.min() > -1e-5
-    for k in range(plain.trajectory.n_frames):
+    for k in range(plain.motion.trajectory.n_frames):
         least = smallest_eigenvalue(plain, k, solution.tendon_force[k], q)
         assert -60.0 < least < -20.0
 
 
 def test_about_the_flexion_axes_single_coordinates_and_joint_axes_are_the_same_rows(plain):
     """First axes of the joints turn everything distal rigidly, as their coordinates do."""
-    force = np.full(len(plain.trajectory.muscles), 100.0)
-    printed = scso.JointStability().stability_rows(with_rule(plain, scso.JointStability()))
-    rows = CoordinateStability(coordinates=COORDINATES).stability_rows(plain)
+    force = np.full(len(plain.motion.trajectory.muscles), 100.0)
+    printed = scso.JointStability().stability_rows(plain.motion)
+    rows = CoordinateStability(coordinates=COORDINATES).stability_rows(plain.motion)
     for i, name in enumerate(COORDINATES):
         if not name.endswith("flexion"):
             continue
@@ -72,7 +72,7 @@ def test_the_full_hessian_has_the_optimum_of_clarabel_in_every_task_it_can_stabi
     (reach,) = reachable_stability(problem)
     assert (reach.is_reachable == solution.is_solved).all()
     total = 0.0
-    for k in range(plain.trajectory.n_frames):
+    for k in range(plain.motion.trajectory.n_frames):
         oracle = solve_full_frame(problem, k, q=q)
         assert (oracle is not None) == solution.is_solved[k]
         if oracle is not None:
@@ -96,9 +96,9 @@ def test_with_published_passive_stiffness_every_task_is_stable_at_less_cost_than
     passive = lumbar_passive_stiffness(low, high)
     solution = scso.solve_trajectory(with_rule(plain, HessianStability(q=q, passive_stiffness=passive)))
     matrix = np.diag([passive[name] for name in COORDINATES])
-    for k in range(plain.trajectory.n_frames):
+    for k in range(plain.motion.trajectory.n_frames):
         force = solution.tendon_force[k]
-        stiffness = q * force / plain.trajectory.muscle_tendon_length[k]
+        stiffness = q * force / plain.motion.trajectory.muscle_tendon_length[k]
         hessian = hessian_by_hand(plain, k, force, stiffness, passive=matrix)
         assert np.linalg.eigvalsh(hessian)[0] > -1e-5
     per_axis = scso.solve_trajectory(with_rule(plain, scso.JointStability(q=q)))

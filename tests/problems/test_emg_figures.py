@@ -42,7 +42,7 @@ def test_muscles_are_not_pulled_by_their_stray_moment_arms_at_the_pelvis(local_d
     study = module.walking_study(step_interval=80)
     plain = study.problems["SO"]
     solution = module.solve_framewise(plain)
-    trajectory = plain.trajectory
+    trajectory = plain.motion.trajectory
     pelvis = [c for c, name in enumerate(trajectory.coordinates) if name.startswith("pelvis")]
     force = np.einsum("kcm,km->kc", trajectory.moment_arms[:, pelvis], solution.tendon_force)
     # no muscle crosses the joint between pelvis and ground: what they produce there is an error of paths.

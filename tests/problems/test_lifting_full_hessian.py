@@ -31,12 +31,12 @@ def test_lifting_with_passive_stiffness_has_the_optimum_of_the_conic_solver(lift
     stability = scso.HessianStability(q=5.0, passive_stiffness=passive)
     problem = dataclasses.replace(lift, constraints=(*lift.constraints, stability))
     solution = scso.solve_trajectory(problem)
-    diagonal = np.diag([passive[name] for name in lift.trajectory.curvature.coordinates])
+    diagonal = np.diag([passive[name] for name in lift.motion.trajectory.curvature.coordinates])
     total = 0.0
-    for k in range(lift.trajectory.n_frames):
+    for k in range(lift.motion.trajectory.n_frames):
         x, objective, _ = solve_full_frame(problem, k, passive=diagonal)
         total += objective
-        best = x[: lift.muscles.n_muscles] * lift.muscles.max_isometric_force
+        best = x[: lift.motion.muscles.n_muscles] * lift.motion.muscles.max_isometric_force
         reached = smallest_eigenvalue(problem, k, solution.tendon_force[k], passive=diagonal)
         oracle = smallest_eigenvalue(problem, k, best, passive=diagonal)
         assert reached > -EIGENVALUE

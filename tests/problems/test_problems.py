@@ -34,7 +34,7 @@ def local_data(shared_data, monkeypatch):
 
 
 def group_mean(problem, solution, start):
-    columns = [m for m, name in enumerate(problem.trajectory.muscles) if name.startswith(start)]
+    columns = [m for m, name in enumerate(problem.motion.trajectory.muscles) if name.startswith(start)]
     return solution.activation[:, columns].mean(axis=1)
 
 
@@ -45,7 +45,8 @@ def with_q(problem, q):
 
 def test_the_problems_are_those_we_know_of():
     assert NAMES == [
-        "back_lifting", "elbow", "gait_lower_limb", "spine_load_height", "spine_postures", "walking_3d",
+        "back_lifting", "elbow", "gait_lower_limb", "random_hessian", "spine_load_height", "spine_postures",
+        "walking_3d",
     ]  # fmt: skip
 
 
@@ -122,7 +123,7 @@ def test_emg_maps_fit_the_models_and_the_recordings(name, local_data):
     module = load(name)
     problem = module.make_problem(**QUICK[name])
     emg = read_emg(module.emg_file())
-    found = read_emg_map(module.EMG_MAP).resolve(problem.trajectory.muscles, emg.channels)
+    found = read_emg_map(module.EMG_MAP).resolve(problem.motion.trajectory.muscles, emg.channels)
     assert sum(len(group.channels) for group in found.groups) in (8, 10)
 
 

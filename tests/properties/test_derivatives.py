@@ -12,7 +12,8 @@ from coupled_terms import CappedEffort, CurvedPair, RateLimit, Smoothness, Weigh
 from helpers import central_difference, random_problem, stability_by_hand
 
 import scso_nlp as scso
-from scso_nlp.transcription.build import build_nlp, describe, split_rows
+from scso_nlp.transcription.build import build_nlp
+from scso_nlp.transcription.describe import describe
 
 #: Central differences with this step are good to about step² times a third derivative.
 STEP = 1e-5
@@ -24,7 +25,7 @@ class Program:
 
     def __init__(self, problem, frames):
         program = describe(problem)
-        nlp = build_nlp(program, split_rows(program), len(frames))
+        nlp = build_nlp(program, len(frames))
         self.nlp = nlp
         self.frames = np.asarray(frames)
         self.weights = (
@@ -65,9 +66,9 @@ def interior(problem, n_frames, rng):
     """A random point well inside the bounds, controls of both signs."""
     program = describe(problem)
     x = rng.uniform(0.1, 0.9, (n_frames, program.layout.size))
-    n = problem.muscles.n_muscles
-    x[:, n : n + problem.actuators.n_actuators] = rng.uniform(0.2, 0.9) * rng.choice(
-        [-1, 1], problem.actuators.n_actuators
+    n = problem.motion.muscles.n_muscles
+    x[:, n : n + problem.motion.actuators.n_actuators] = rng.uniform(0.2, 0.9) * rng.choice(
+        [-1, 1], problem.motion.actuators.n_actuators
     )
     return x.ravel()
 
@@ -105,15 +106,15 @@ def coupled(problem):
         constraints=(*problem.constraints, CappedEffort(), RateLimit(), CurvedPair()),
     )
     time = np.array([0.0, 0.01, 0.04])
-    velocity = np.random.default_rng(1).normal(size=problem.trajectory.muscle_tendon_velocity.shape)
-    trajectory = dataclasses.replace(problem.trajectory, time=time, muscle_tendon_velocity=velocity)
-    return dataclasses.replace(problem, trajectory=trajectory)
+    velocity = np.random.default_rng(1).normal(size=problem.motion.trajectory.muscle_tendon_velocity.shape)
+    trajectory = dataclasses.replace(problem.motion.trajectory, time=time, muscle_tendon_velocity=velocity)
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
 
 
 def test_the_program_has_the_values_that_its_terms_say(rng):
     """Objective and all rows, affine and curved, of frames and of pairs, against NumPy sums."""
     problem = coupled(random_problem(rng, n_muscles=4, reserve=5.0))
-    trajectory, n_frames = problem.trajectory, 3
+    trajectory, n_frames = problem.motion.trajectory, 3
     program = Program(problem, [0, 1, 2])
     x = interior(problem, n_frames, rng)
     unknowns = x.reshape(n_frames, -1)
@@ -125,7 +126,7 @@ def test_the_program_has_the_values_that_its_terms_say(rng):
         np.einsum("km,km->k", trajectory.muscle_tendon_velocity[1:], a[1:]) ** 2
     )
     assert program.f(x) == pytest.approx(effort + 2.0 * smooth.sum() + 0.5 * drift.sum(), rel=1e-12)
-    force = a * problem.muscles.max_isometric_force
+    force = a * problem.motion.muscles.max_isometric_force
     equilibrium = np.einsum("kcm,km->kc", trajectory.moment_arms, force) + 5.0 * c
     equilibrium -= trajectory.generalized_forces
     stiffness, work = stability_by_hand(problem)
@@ -152,13 +153,13 @@ def test_rows_that_curve_are_not_taken_for_affine_ones(rng):
 
     @dataclasses.dataclass(frozen=True, kw_only=True)
     class Kinks(scso.FrameConstraint):
-        def rows(self, frame, problem):
+        def rows(self, frame, motion):
             a = frame.activation
             values = (ca.fabs(a[0] - 0.5), ca.fmax(a[0], a[1]), ca.if_else(a[0] > 0.5, a[0], 2 * a[1]), a[2])
             return scso.Rows(value=ca.vertcat(*values), lower=-9.0, upper=9.0, names=("f", "m", "i", "a"))
 
     program = describe(dataclasses.replace(problem, constraints=(Kinks(),)))
-    split = split_rows(program)
+    split = program.split
     assert split.affine.rows.tolist() == [3]
     assert split.nonlinear[0][1].tolist() == [0, 1, 2]
 
@@ -172,4 +173,4 @@ def test_an_objective_is_called_quadratic_only_if_it_is(rng):
     ):
         problem = dataclasses.replace(random_problem(rng), objectives=(cost,))
         program = describe(problem)
-        assert build_nlp(program, split_rows(program), 2).objective_is_quadratic is quadratic
+        assert build_nlp(program, 2).objective_is_quadratic is quadratic

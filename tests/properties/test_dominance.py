@@ -36,7 +36,7 @@ def test_more_stability_never_costs_less_effort(seed, exponent):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_load_held_higher_never_costs_less_effort(seed):
     problem = random_problem(np.random.default_rng(seed))
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     costs = []
     for lower in (0.6, 0.3, 0.1, 0.0):
         force = trajectory.skeleton.load_forces
@@ -44,7 +44,11 @@ def test_a_load_held_higher_never_costs_less_effort(seed):
         points = trajectory.skeleton.load_points + lower * down
         skeleton = dataclasses.replace(trajectory.skeleton, load_points=points)
         moved = dataclasses.replace(trajectory, skeleton=skeleton)
-        costs.append(scso.solve_trajectory(dataclasses.replace(problem, trajectory=moved)).objective)
+        costs.append(
+            scso.solve_trajectory(
+                dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=moved))
+            ).objective
+        )
     costs = np.array(costs)
     assert (np.diff(costs) >= -SLACK * costs[1:]).all()
     assert costs[-1] > costs[0] * (1 + 1e-3), "the rows are never active: the test shows nothing"

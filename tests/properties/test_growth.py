@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from helpers import random_problem
 
-from scso_nlp.transcription.build import build_nlp, describe, split_rows
+from scso_nlp.transcription.build import build_nlp
+from scso_nlp.transcription.describe import describe
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0, np.inf])
 def test_nonzeros_of_the_program_grow_exactly_linearly_with_frames(rng, exponent):
     problem = random_problem(rng, n_frames=16, exponent=exponent, reserve=5.0)
     program = describe(problem)
-    split = split_rows(program)
     counts = []
     for n_frames in (1, 2, 4, 8, 16):
-        nlp = build_nlp(program, split, n_frames)
+        nlp = build_nlp(program, n_frames)
         lagrangian = nlp.f + ca.dot(ca.MX.sym("lam", nlp.g.numel()), nlp.g)
         counts.append(
             [

@@ -21,7 +21,7 @@ both_solvers = pytest.mark.parametrize("solve", [scso.solve_trajectory, scso.sol
 def test_objective_and_rows_are_the_sums_of_the_returned_arrays(rng, solve, model, exponent):
     problem = random_problem(rng, exponent=exponent, reserve=5.0, weights="volume", muscle_model=model)
     solution = solve(problem)
-    trajectory, muscles = problem.trajectory, problem.muscles
+    trajectory, muscles = problem.motion.trajectory, problem.motion.muscles
     strength = (
         trajectory.active_force_capacity
         if isinstance(model, scso.RigidTendon)
@@ -32,7 +32,7 @@ def test_objective_and_rows_are_the_sums_of_the_returned_arrays(rng, solve, mode
 
     volume = muscles.max_isometric_force * muscles.optimal_fiber_length
     sizes = np.hstack([solution.activation, np.abs(solution.control)])
-    weights = np.concatenate([volume / volume.mean(), np.ones(problem.actuators.n_actuators)])
+    weights = np.concatenate([volume / volume.mean(), np.ones(problem.motion.actuators.n_actuators)])
     cost = (weights * sizes).max(axis=1) if math.isinf(exponent) else (weights * sizes**exponent).sum(axis=1)
     # With both signs of controls apart, or the largest as an unknown, the rows tie them to 1e-8.
     tolerance = 1e-12 if 2 <= exponent < math.inf else 1e-6
@@ -68,11 +68,11 @@ def test_rows_of_pairs_stand_at_the_later_frame(rng):
         constraints=(*problem.constraints, RateLimit(fastest=60.0), CappedEffort(most=9.0)),
     )
     solution = scso.solve_trajectory(problem)
-    rate = np.diff(solution.activation, axis=0) / np.diff(problem.trajectory.time)[:, None]
+    rate = np.diff(solution.activation, axis=0) / np.diff(problem.motion.trajectory.time)[:, None]
     found = solution.rows["RateLimit"].value
     assert np.isnan(found[0]).all()
     np.testing.assert_allclose(found[1:], rate, rtol=1e-9, atol=1e-9)
-    smooth = (rate**2).sum(axis=1) * np.diff(problem.trajectory.time)
+    smooth = (rate**2).sum(axis=1) * np.diff(problem.motion.trajectory.time)
     assert solution.objective_terms["Smoothness"] == pytest.approx(1e-4 * smooth.sum(), rel=1e-10)
     squares = (solution.activation**2).sum(axis=1)
     np.testing.assert_allclose(solution.rows["CappedEffort"].value[:, 0], squares, rtol=1e-12)

@@ -104,8 +104,12 @@ def test_multipliers_do_not_depend_on_the_solver(rng):
 
 
 def _with_moment(problem, k, c, step):
-    moments = problem.trajectory.generalized_forces.copy()
+    moments = problem.motion.trajectory.generalized_forces.copy()
     moments[k, c] += step
     return dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, generalized_forces=moments)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
+        ),
     )

@@ -66,10 +66,14 @@ def test_frames_keep_their_own_numbers_when_some_are_infeasible(rng):
     """Frames that the solver takes out must not shift the data of those that stay."""
     problem = random_problem(rng, n_frames=5)
     whole = scso.solve_trajectory(problem)
-    moments = problem.trajectory.generalized_forces.copy()
+    moments = problem.motion.trajectory.generalized_forces.copy()
     moments[[0, 3]] *= 1e3
     broken = dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, generalized_forces=moments)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
+        ),
     )
     for solve in (scso.solve_trajectory, scso.solve_framewise):
         solution = solve(broken, on_failure="return")
@@ -88,7 +92,7 @@ def test_a_good_initial_guess_gives_the_same_optimum(rng):
 
 def _reordered(problem, order):
     """The problem with its frames' data in another order and its time as it was."""
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     data = {"name", "muscles", "actuators", "coordinates", "is_rotational", "time", "skeleton"}
     data |= {"force_columns", "other_force_labels"}
     changes = {
@@ -99,7 +103,7 @@ def _reordered(problem, order):
     moved = dataclasses.replace(
         trajectory, **changes, skeleton=trajectory.skeleton.frames(np.array(order, dtype=np.int64))
     )
-    return dataclasses.replace(problem, trajectory=moved)
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=moved))
 
 
 def test_a_long_motion_is_cut_into_programs_and_the_answer_does_not_depend_on_the_cut(rng):

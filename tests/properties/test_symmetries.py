@@ -23,13 +23,13 @@ def test_the_order_of_muscles_does_not_matter(rng, exponent):
     np.testing.assert_allclose(
         moved.activation, scso.solve_trajectory(problem).activation[:, order], atol=TOLERANCE
     )
-    assert moved.problem.muscles.muscles == tuple(problem.muscles.muscles[i] for i in order)
+    assert moved.problem.motion.muscles.muscles == tuple(problem.motion.muscles.muscles[i] for i in order)
 
 
 def test_the_order_of_coordinates_does_not_matter(rng):
     problem = random_problem(rng)
     order = [2, 0, 1]
-    trajectory = problem.trajectory
+    trajectory = problem.motion.trajectory
     changes = {
         name: getattr(trajectory, name)[:, order]
         for name in (
@@ -41,7 +41,10 @@ def test_the_order_of_coordinates_does_not_matter(rng):
     }
     moved = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(trajectory, coordinates=("q3", "q1", "q2"), **changes),
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(trajectory, coordinates=("q3", "q1", "q2"), **changes),
+        ),
     )
     answers = scso.solve_trajectory(problem), scso.solve_trajectory(moved)
     np.testing.assert_allclose(answers[0].activation, answers[1].activation, atol=TOLERANCE)
@@ -58,7 +61,7 @@ def test_a_muscle_in_two_halves_pulls_as_hard_under_volume_weights(rng, exponent
     halves = _with_muscles(problem, [*range(10), 0], halved=(0, 10))
     force = scso.solve_trajectory(halves).tendon_force
     # A newton is 1e-3 of a weak muscle.
-    tolerance = TOLERANCE * problem.muscles.max_isometric_force.max()
+    tolerance = TOLERANCE * problem.motion.muscles.max_isometric_force.max()
     np.testing.assert_allclose(force[:, 1:10], whole[:, 1:], atol=tolerance)
     np.testing.assert_allclose(force[:, 0] + force[:, 10], whole[:, 0], atol=tolerance)
     np.testing.assert_allclose(force[:, 0], force[:, 10], atol=tolerance)
@@ -88,16 +91,20 @@ def test_a_constant_in_the_objective_does_not_matter(rng):
 def test_stronger_muscles_for_a_larger_task_are_as_active(rng, factor):
     """All forces times one factor: strength, moments, loads and levels."""
     problem = random_problem(rng)
-    trajectory, skeleton = problem.trajectory, problem.trajectory.skeleton
+    trajectory, skeleton = problem.motion.trajectory, problem.motion.trajectory.skeleton
     larger = dataclasses.replace(
         problem,
-        muscles=dataclasses.replace(
-            problem.muscles, max_isometric_force=factor * problem.muscles.max_isometric_force
-        ),
-        trajectory=dataclasses.replace(
-            trajectory,
-            generalized_forces=factor * trajectory.generalized_forces,
-            skeleton=dataclasses.replace(skeleton, load_forces=factor * skeleton.load_forces),
+        motion=dataclasses.replace(
+            problem.motion,
+            muscles=dataclasses.replace(
+                problem.motion.muscles,
+                max_isometric_force=factor * problem.motion.muscles.max_isometric_force,
+            ),
+            trajectory=dataclasses.replace(
+                trajectory,
+                generalized_forces=factor * trajectory.generalized_forces,
+                skeleton=dataclasses.replace(skeleton, load_forces=factor * skeleton.load_forces),
+            ),
         ),
     )
     level = {name: factor * value for name, value in problem.constraints[1].level.items()}
@@ -109,18 +116,21 @@ def test_stronger_muscles_for_a_larger_task_are_as_active(rng, factor):
 def test_a_larger_body_for_a_larger_task_is_as_active(rng, factor):
     """All lengths times one factor: arms, points and, with them, moments and levels."""
     problem = random_problem(rng)
-    trajectory, skeleton = problem.trajectory, problem.trajectory.skeleton
+    trajectory, skeleton = problem.motion.trajectory, problem.motion.trajectory.skeleton
     larger = dataclasses.replace(
         problem,
-        trajectory=dataclasses.replace(
-            trajectory,
-            moment_arms=factor * trajectory.moment_arms,
-            generalized_forces=factor * trajectory.generalized_forces,
-            muscle_tendon_length=factor * trajectory.muscle_tendon_length,
-            skeleton=dataclasses.replace(
-                skeleton,
-                path_points=factor * skeleton.path_points,
-                load_points=factor * skeleton.load_points,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(
+                trajectory,
+                moment_arms=factor * trajectory.moment_arms,
+                generalized_forces=factor * trajectory.generalized_forces,
+                muscle_tendon_length=factor * trajectory.muscle_tendon_length,
+                skeleton=dataclasses.replace(
+                    skeleton,
+                    path_points=factor * skeleton.path_points,
+                    load_points=factor * skeleton.load_points,
+                ),
             ),
         ),
     )
@@ -138,13 +148,15 @@ def test_a_reserve_of_another_size_with_its_weight_is_the_same_reserve(exponent,
     for force, weight in ((optimal_force, 1.0), (1.0, optimal_force**-exponent)):
         trajectory = motion(np.broadcast_to([[0.1, 0.05]], (2, 1, 2)), moments, actuator_columns=[[force]])
         problem = scso.MuscleForceProblem(
-            trajectory=trajectory,
-            muscles=muscle_parameters(trajectory.muscles, [300.0, 500.0]),
-            actuators=scso.ActuatorParameters(
-                actuators=trajectory.actuators,
-                optimal_force=[force],
-                min_control=[-np.inf],
-                max_control=[np.inf],
+            motion=scso.Motion(
+                trajectory=trajectory,
+                muscles=muscle_parameters(trajectory.muscles, [300.0, 500.0]),
+                actuators=scso.ActuatorParameters(
+                    actuators=trajectory.actuators,
+                    optimal_force=[force],
+                    min_control=[-np.inf],
+                    max_control=[np.inf],
+                ),
             ),
             muscle_model=scso.NoPhysiology(),
             objectives=(scso.ActivationEffort(exponent=exponent, weights={"reserve1": weight}),),
@@ -158,28 +170,37 @@ def test_a_reserve_of_another_size_with_its_weight_is_the_same_reserve(exponent,
 def _with_muscles(problem, chosen, halved=()):
     """The problem with its muscles in another order, some twice (at half the strength)."""
     chosen = np.asarray(chosen)
-    trajectory, muscles, skeleton = problem.trajectory, problem.muscles, problem.trajectory.skeleton
+    trajectory, muscles, skeleton = (
+        problem.motion.trajectory,
+        problem.motion.muscles,
+        problem.motion.trajectory.skeleton,
+    )
     names = [muscles.muscles[i] for i in chosen]
     names = tuple(f"{name}_copy" if name in names[:at] else name for at, name in enumerate(names))
     strength = muscles.max_isometric_force[chosen]
     strength[list(halved)] /= 2
     return dataclasses.replace(
         problem,
-        muscles=muscle_parameters(names, strength, optimal_fiber_length=muscles.optimal_fiber_length[chosen]),
-        trajectory=dataclasses.replace(
-            trajectory,
-            muscles=names,
-            muscle_tendon_length=trajectory.muscle_tendon_length[:, chosen],
-            muscle_tendon_velocity=trajectory.muscle_tendon_velocity[:, chosen],
-            moment_arms=trajectory.moment_arms[:, :, chosen],
-            active_force_capacity=trajectory.active_force_capacity[:, chosen],
-            skeleton=dataclasses.replace(
-                skeleton,
-                path_points=skeleton.path_points[:, chosen],
-                path_point_bodies=skeleton.path_point_bodies[:, chosen],
-                path_point_moves=skeleton.path_point_moves[:, chosen],
-                virtual_moment_arms=np.zeros((0, 0, 0)),
-                virtual_curvature=np.zeros((0, 0, 0)),
+        motion=dataclasses.replace(
+            problem.motion,
+            muscles=muscle_parameters(
+                names, strength, optimal_fiber_length=muscles.optimal_fiber_length[chosen]
+            ),
+            trajectory=dataclasses.replace(
+                trajectory,
+                muscles=names,
+                muscle_tendon_length=trajectory.muscle_tendon_length[:, chosen],
+                muscle_tendon_velocity=trajectory.muscle_tendon_velocity[:, chosen],
+                moment_arms=trajectory.moment_arms[:, :, chosen],
+                active_force_capacity=trajectory.active_force_capacity[:, chosen],
+                skeleton=dataclasses.replace(
+                    skeleton,
+                    path_points=skeleton.path_points[:, chosen],
+                    path_point_bodies=skeleton.path_point_bodies[:, chosen],
+                    path_point_moves=skeleton.path_point_moves[:, chosen],
+                    virtual_moment_arms=np.zeros((0, 0, 0)),
+                    virtual_curvature=np.zeros((0, 0, 0)),
+                ),
             ),
         ),
     )

@@ -79,7 +79,7 @@ def test_more_passive_stiffness_never_costs_more_and_in_the_end_nothing(rng, rul
     plain = scso.solve_trajectory(problem.without_stability())
     costs, activations = [], []
     for stiffness in (0.0, 10.0, 40.0, 160.0, 1e4):
-        rows = rule(passive_stiffness=dict.fromkeys(problem.trajectory.coordinates, stiffness))
+        rows = rule(passive_stiffness=dict.fromkeys(problem.motion.trajectory.coordinates, stiffness))
         solution = scso.solve_trajectory(
             dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
         )

@@ -11,15 +11,11 @@ from helpers import random_problem, two_antagonists
 from scipy.linalg import eigh
 
 import scso_nlp as scso
-from scso_nlp.analysis.stability_report import (
-    critical_q,
-    equivalent_q,
-    mode_contributions,
-    row_contributions,
-)
 from scso_nlp.constraints import CoordinateStability, HessianStability
+from scso_nlp.contributions import equivalent_q, mode_contributions, row_contributions
 from scso_nlp.examples import example_folder
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, ShortRangeStiffness
+from scso_nlp.solve.reach import critical_q
 
 
 def test_the_shares_of_joint_rows_add_up_to_the_rows_of_the_solution(rng):
@@ -36,7 +32,7 @@ def test_a_muscles_share_is_what_the_row_loses_without_it(rng):
     problem = hessian_problem(rng, n_frames=2, stability=CoordinateStability())
     solution = scso.solve_trajectory(problem)
     shares = row_contributions(solution)
-    length = problem.trajectory.muscle_tendon_length
+    length = problem.motion.trajectory.muscle_tendon_length
     for m in (0, 7):
         without = solution.tendon_force.copy()
         without[:, m] = 0.0
@@ -52,46 +48,48 @@ def test_the_shares_of_the_least_stable_mode_add_up_to_the_smallest_eigenvalue(r
     problem = hessian_problem(rng, n_frames=3, stability=HessianStability(level={"q1": 2.0}))
     solution = scso.solve_trajectory(problem)
     shares = mode_contributions(solution)
-    hessian = solution.problem.constraints[1].hessian(solution)
-    np.testing.assert_allclose(shares.total[:, 0], np.linalg.eigvalsh(hessian)[:, 0], atol=1e-8)
+    matrix = solution.matrices["HessianStability"]
+    np.testing.assert_allclose(shares.total[:, 0], matrix.smallest_eigenvalue, atol=1e-8)
     assert shares.rows == ("smallest_eigenvalue",)
-    assert shares.coordinates == ("q1", "q2", "q3", "q4")
-    mode = shares.turns[:, 0]
-    np.testing.assert_allclose(np.linalg.norm(mode, axis=1), 1.0)
-    np.testing.assert_allclose(np.einsum("ki,kij,kj->k", mode, hessian, mode), shares.total[:, 0], atol=1e-8)
 
 
-def test_rows_of_the_full_hessian_add_up_too(rng):
-    solution = scso.solve_trajectory(hessian_problem(rng, n_frames=2))
+def test_each_coordinate_of_the_full_hessian_adds_up_too(rng):
+    problem = hessian_problem(rng, n_frames=2, stability=HessianStability(passive_stiffness={"q2": 4.0}))
+    solution = scso.solve_trajectory(problem)
     shares = row_contributions(solution)
-    present = (shares.turns != 0).any(axis=2)
-    np.testing.assert_allclose(
-        shares.total[present], solution.rows["HessianStability"].value[present], atol=1e-8
-    )
+    diagonal = np.einsum("kii->ki", solution.matrices["HessianStability"].value)
+    np.testing.assert_allclose(shares.total, diagonal, atol=1e-8)
 
 
 def test_what_plain_static_optimization_lacks_is_told_by_the_same_functions(rng):
     problem = hessian_problem(rng, n_frames=2)
     plain = scso.solve_trajectory(problem.without_stability())
-    shares = mode_contributions(plain, HessianStability(q=3.0))
-    length = problem.trajectory.muscle_tendon_length
+    shares = mode_contributions(scso.observe(plain, HessianStability(q=3.0)))
+    length = problem.motion.trajectory.muscle_tendon_length
     for k in range(2):
         force = plain.tendon_force[k]
         least = np.linalg.eigvalsh(hessian_by_hand(problem, k, force, 3.0 * force / length[k]))[0]
         assert shares.total[k, 0] == pytest.approx(least, abs=1e-8)
     assert shares.total.max() < 0
-    with pytest.raises(scso.ProblemError, match="no HessianStability; give one"):
-        mode_contributions(plain)
-    with pytest.raises(scso.ProblemError, match="no stability constraint; give one"):
-        row_contributions(plain)
+    bare = scso.solve_trajectory(dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(),)))
+    with pytest.raises(scso.ProblemError, match="no HessianStability, kept or observed"):
+        mode_contributions(bare)
+    with pytest.raises(scso.ProblemError, match="no StabilityConstraint, kept or observed"):
+        row_contributions(bare)
+    with pytest.raises(scso.NameMismatchError, match="called 'mine', known: HessianStability"):
+        row_contributions(plain, "mine")
 
 
 def test_frames_that_are_not_solved_have_no_shares(rng):
     problem = random_problem(rng, n_frames=3)
-    moments = problem.trajectory.generalized_forces.copy()
+    moments = problem.motion.trajectory.generalized_forces.copy()
     moments[1] = 1e4
     problem = dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, generalized_forces=moments)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
+        ),
     )
     solution = scso.solve_trajectory(problem, on_failure="return")
     shares = row_contributions(solution)
@@ -114,13 +112,14 @@ def test_the_equivalent_gain_of_short_range_stiffness_is_that_of_two_springs(rng
     """1/q = l0/(gamma L) + F/(kT L): muscles without pennation, force from any muscle model."""
     problem = hessian_problem(rng, n_frames=2)
     muscles = dataclasses.replace(
-        problem.muscles,
+        problem.motion.muscles,
         tendon_slack_length=np.full(16, 0.1),
         muscle_class=("DeGrooteFregly2016Muscle",) * 16,
     )
-    problem = dataclasses.replace(problem, muscles=muscles)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
     plain = scso.solve_trajectory(problem.without_stability())
-    found = equivalent_q(plain, CoordinateStability(stiffness=ShortRangeStiffness()))
+    asked = scso.observe(plain, CoordinateStability(stiffness=ShortRangeStiffness()))
+    found = equivalent_q(asked, "CoordinateStability")
     force, strength = plain.tendon_force, muscles.max_isometric_force
     slope = np.log(1.2 / 0.2) / 0.049  # tendon curve 0.2 exp(kT (l - 1)) - 0.2, one at 4.9 % strain
     tendon = strength / 0.1 * slope * (force / strength + 0.2)
@@ -160,7 +159,7 @@ def test_the_critical_gain_of_the_full_hessian_is_a_generalized_eigenvalue(rng):
     plain = scso.solve_trajectory(problem.without_stability())
     critical = critical_q(problem, plain)
     for k in range(3):
-        force, length = plain.tendon_force[k], problem.trajectory.muscle_tendon_length[k]
+        force, length = plain.tendon_force[k], problem.motion.trajectory.muscle_tendon_length[k]
         without = hessian_by_hand(problem, k, force, 0 * force)
         gained = hessian_by_hand(problem, k, force, force / length) - without
         assert critical[k] == pytest.approx(eigh(-without, gained, eigvals_only=True)[-1], rel=1e-9)
@@ -171,16 +170,14 @@ def test_no_gain_helps_where_muscles_have_no_force_and_none_is_needed_where_noth
     assert np.isinf(critical_q(problem)).all()
     assert (critical_q(two_antagonists(5.0, external_work=-30.0)) == 0).all()
     with pytest.raises(scso.ProblemError, match="no stability constraint"):
-        critical_q(problem.without_stability())
+        critical_q(dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(),)))
 
 
 @pytest.mark.opensim
 def test_the_spine_examples_have_the_critical_gains_of_an_independent_solver():
     """12.971 with 4.5 kg at 0.8 m and 4.49 with 9 kg at 0 m, of the reconstruction's own documentation."""
-    trajectory, muscles, actuators = scso.load_motion(example_folder("spine-load-height") / "setup.xml")
-    problem = scso.stability_constrained_static_optimization(
-        trajectory, muscles, actuators, muscle_model=scso.NoPhysiology()
-    )
+    motion = scso.load_motion(example_folder("spine-load-height") / "setup.xml")
+    problem = scso.stability_constrained_static_optimization(motion, muscle_model=scso.NoPhysiology())
     critical = critical_q(problem)
     assert critical[4] == pytest.approx(12.971, abs=5e-4)
     assert critical[5] == pytest.approx(4.49, abs=5e-3)

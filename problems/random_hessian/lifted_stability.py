@@ -17,12 +17,13 @@ class LiftedStability(scso.FrameConstraint):
 
     stiffness: StiffnessLaw = field(default_factory=ProportionalStiffness)
 
-    def _pairs(self, problem):
-        n = len(problem.trajectory.curvature.coordinates)
+    def _pairs(self, motion):
+        n = len(motion.trajectory.curvature.coordinates)
         return [(i, j) for i in range(n) for j in range(i + 1)]
 
-    def variables(self, problem):
-        pairs = self._pairs(problem)
+    def variables(self, motion):
+        """Name the entries of the factor."""
+        pairs = self._pairs(motion)
         guess = np.array([5.0 if i == j else 0.0 for i, j in pairs])
         return (
             scso.VariableSpec(
@@ -34,8 +35,9 @@ class LiftedStability(scso.FrameConstraint):
             ),
         )
 
-    def data(self, problem):
-        trajectory, pairs = problem.trajectory, self._pairs(problem)
+    def data(self, motion):
+        """Give curvature, products of moment arms and what is constant, by entry."""
+        trajectory, pairs = motion.trajectory, self._pairs(motion)
         curvature = trajectory.curvature
         arms = trajectory.moment_arms
         constant = curvature.load_stiffness + curvature.passive_stiffness
@@ -43,11 +45,12 @@ class LiftedStability(scso.FrameConstraint):
             "curvature": np.stack([curvature.path_curvature[:, i, j] for i, j in pairs], axis=1),
             "arm_products": np.stack([arms[:, i] * arms[:, j] for i, j in pairs], axis=1),
             "constant": np.stack([constant[:, i, j] for i, j in pairs], axis=1),
-            **self.stiffness.data(problem),
+            **self.stiffness.data(motion),
         }
 
-    def rows(self, frame, problem):
-        pairs = self._pairs(problem)
+    def rows(self, frame, motion):
+        """One row per entry of the lower triangle: H less L Lᵀ, in N·m/rad."""
+        pairs = self._pairs(motion)
         n = pairs[-1][0] + 1
         factor = ca.SX.zeros(n, n)
         for entry, (i, j) in enumerate(pairs):
@@ -56,7 +59,7 @@ class LiftedStability(scso.FrameConstraint):
         square = ca.vertcat(*[product[i, j] for i, j in pairs])
         data = frame.data
         hessian = data["curvature"] @ frame.muscle.tendon_force + data["constant"]
-        hessian += data["arm_products"] @ self.stiffness.stiffness(frame, problem)
+        hessian += data["arm_products"] @ self.stiffness.stiffness(frame, motion)
         return scso.Rows(
             value=hessian - square,
             lower=0.0,

@@ -13,9 +13,9 @@ from helpers import frame_arrays, random_problem, stability_by_hand, two_antagon
 from scipy.optimize import linprog
 
 import scso_nlp as scso
-from scso_nlp.analysis.reach import reachable_stability
 from scso_nlp.constraints import CoordinateStability, HessianStability
 from scso_nlp.muscle_models.stiffness_law import ShortRangeStiffness
+from scso_nlp.solve.reach import reachable_stability
 from scso_nlp.stability.hessian import describe_turn
 
 
@@ -24,7 +24,7 @@ def highest_by_hand(problem, k, q=5.0):
     _, a, b, _, _, lower, upper = frame_arrays(problem, k)
     stiffness, work = stability_by_hand(problem, q)
     gains = np.zeros((3, a.shape[1]))
-    gains[:, : problem.muscles.n_muscles] = stiffness[k] * problem.muscles.max_isometric_force
+    gains[:, : problem.motion.muscles.n_muscles] = stiffness[k] * problem.motion.muscles.max_isometric_force
     answers = [
         linprog(-gain, A_eq=a, b_eq=b, bounds=np.column_stack([lower, upper]), method="highs")
         for gain in gains
@@ -68,13 +68,19 @@ def test_helpers_are_the_muscles_whose_strength_raises_the_highest_most(rng):
     for m in range(10):
         highest = []
         for change in (step, -step):
-            upper = problem.muscles.max_activation.copy()
+            upper = problem.motion.muscles.max_activation.copy()
             upper[m] += change
-            muscles = dataclasses.replace(problem.muscles, max_activation=upper)
-            highest.append(highest_by_hand(dataclasses.replace(problem, muscles=muscles), 0, 40.0)[0])
+            muscles = dataclasses.replace(problem.motion.muscles, max_activation=upper)
+            highest.append(
+                highest_by_hand(
+                    dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)),
+                    0,
+                    40.0,
+                )[0]
+            )
         effect[m] = (highest[0] - highest[1]) / (2 * step)
     np.testing.assert_allclose(reach.help[0, 0], effect, rtol=1e-5, atol=1e-4)
-    best = problem.muscles.muscles[int(effect.argmax())]
+    best = problem.motion.muscles.muscles[int(effect.argmax())]
     assert reach.helpers(0, 0)[0] == best
 
 
@@ -86,10 +92,14 @@ def test_two_antagonists_reach_what_their_strength_allows():
 
 def test_frames_whose_moments_are_out_of_reach_are_named_as_such(rng):
     problem = random_problem(rng, n_frames=2)
-    moments = problem.trajectory.generalized_forces.copy()
+    moments = problem.motion.trajectory.generalized_forces.copy()
     moments[1] = 1e4
     problem = dataclasses.replace(
-        problem, trajectory=dataclasses.replace(problem.trajectory, generalized_forces=moments)
+        problem,
+        motion=dataclasses.replace(
+            problem.motion,
+            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
+        ),
     )
     (reach,) = reachable_stability(problem)
     assert np.isfinite(reach.highest[0]).all()
@@ -100,9 +110,9 @@ def test_frames_whose_moments_are_out_of_reach_are_named_as_such(rng):
 
 def highest_eigenvalue_by_hand(problem, k, level=0.0):
     """max t with H - level - t ⪰ 0, equilibrium and bounds, by Clarabel."""
-    m, size = problem.muscles.n_muscles, 4
-    strength = problem.muscles.max_isometric_force
-    length = problem.trajectory.muscle_tendon_length[k]
+    m, size = problem.motion.muscles.n_muscles, 4
+    strength = problem.motion.muscles.max_isometric_force
+    length = problem.motion.trajectory.muscle_tendon_length[k]
 
     def hessian(force):
         return (hessian_by_hand(problem, k, force, 5.0 * force / length) - level * np.eye(size)) / SCALE
@@ -113,7 +123,7 @@ def highest_eigenvalue_by_hand(problem, k, level=0.0):
     weight = np.array([1.0 if i == j else np.sqrt(2) for i, j in pick])
     rows, columns = np.array(pick).T
     vectors = np.array([weight * g[rows, columns] for g in matrices]).T
-    arms = np.hstack([problem.trajectory.moment_arms[k] * strength, np.zeros((size, 1))])
+    arms = np.hstack([problem.motion.trajectory.moment_arms[k] * strength, np.zeros((size, 1))])
     box = np.hstack([np.eye(m), np.zeros((m, 1))])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -123,7 +133,7 @@ def highest_eigenvalue_by_hand(problem, k, level=0.0):
         sp.csc_matrix(np.vstack([arms, -box, box, -vectors])),
         np.concatenate(
             [
-                problem.trajectory.generalized_forces[k],
+                problem.motion.trajectory.generalized_forces[k],
                 np.zeros(m),
                 np.ones(m),
                 weight * nothing[rows, columns],
@@ -151,8 +161,8 @@ def test_the_full_hessians_message_names_the_turn_by_coordinate_and_the_best_mus
     (reach,) = reachable_stability(problem)
     message = reach.messages()[0]
     assert message.startswith("HessianStability[smallest eigenvalue] (turn ")
-    assert any(name in message for name in problem.trajectory.coordinates)
-    assert reach.helpers(0, 0)[0] in problem.muscles.muscles
+    assert any(name in message for name in problem.motion.trajectory.coordinates)
+    assert reach.helpers(0, 0)[0] in problem.motion.muscles.muscles
 
 
 @pytest.mark.parametrize("rule", [CoordinateStability, HessianStability])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from conic_oracle import solve_conic
 
-from scso_nlp.stability.critical_turns import MatrixProgram, critical_turns, solve_matrix_programs
+from scso_nlp.solve.conic import MatrixProgram, solve_matrix_programs
+from scso_nlp.solve.refine import critical_turns
 
 #: Both solvers stop at about 1e-10 of a unit problem; an unknown of a degenerate frame is known to about
 #: the square root of that.

@@ -1,6 +1,7 @@
-"""What a term of the problem sees: the symbols of one frame, and how it answers.
+"""The language of terms: what objectives, constraints and muscle models see, and how they answer.
 
-A term never sees the problem, the solver, a frame index or a scaling.
+A term sees the motion (names, units, arrays of all frames) and the symbols of one frame; never the problem,
+the solver, a frame index or a scaling.
 """
 
 from __future__ import annotations
@@ -11,7 +12,29 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from scso_nlp.motion import Motion
 from scso_nlp.validation import FloatArray
+
+
+class Term:
+    """What every term has: a name, and unknowns and data of its own if it asks for them."""
+
+    @property
+    def name(self) -> str:
+        """Name in reports: the term's label if it has one, or the name of its class."""
+        return getattr(self, "label", "") or type(self).__name__
+
+    def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
+        """Name unknowns that the term adds to every frame; none by default."""
+        return ()
+
+    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
+        """Give data per frame, each of shape (n_frames, …), for ``frame.data``; none by default."""
+        return {}
+
+    def notes(self, motion: Motion) -> tuple[str, ...]:
+        """Say in sentences what a user should know of the choices made, once per solve; none by default."""
+        return ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +133,10 @@ class Rows:
         Unit of the rows, for reports.
     scale : float
         A meaningful residual in the row's unit; the solver sees the row divided by it.
+    price : float or None [objective per unit]
+        If given, `value` may fall below `lower` at this price per unit, each row by an amount of its own.
+    quantities : mapping of str to ca.SX
+        Columns to be evaluated at the solution, for ``solution.quantities["<term>.<name>"]``.
     """
 
     value: ca.SX
@@ -118,3 +145,38 @@ class Rows:
     names: Sequence[str]
     unit: str | Sequence[str] = ""
     scale: float = 1.0
+    price: float | None = None
+    quantities: Mapping[str, ca.SX] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixRows:
+    r"""A matrix inequality: ``value - diag(lower)`` is positive semi-definite.
+
+    It stands for the rows :math:`v^T (H - \operatorname{diag}(\text{lower}))\, v \ge 0` of all v; the solver
+    chooses those that decide.
+
+    Attributes
+    ----------
+    value : ca.SX, shape (n, n)
+        H; its lower triangle is read.
+    lower : float or ndarray, shape (n,)
+    names : sequence of str
+        What the n directions are called.
+    unit : str
+        Unit of the entries, for reports.
+    scale : float
+        A meaningful difference of an eigenvalue in this unit; the solver sees rows divided by it.
+    price : float or None [objective per unit]
+        If given, the smallest eigenvalue may be negative at this price per unit.
+    quantities : mapping of str to ca.SX
+        As for :class:`Rows`.
+    """
+
+    value: ca.SX
+    lower: float | FloatArray
+    names: Sequence[str]
+    unit: str = ""
+    scale: float = 1.0
+    price: float | None = None
+    quantities: Mapping[str, ca.SX] = field(default_factory=dict)

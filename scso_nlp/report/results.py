@@ -23,11 +23,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from scso_nlp.analysis.moment_balance import moment_balance
-from scso_nlp.analysis.stability_margin import StabilityMargin, stability_margin
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.solution import RowResult, Solution, Status
+from scso_nlp.solution import MatrixResult, RowResult, Solution, StabilityMargin, Status
 from scso_nlp.validation import FloatArray
 
 #: Numbers that stand for a frame's status in the status file.
@@ -152,7 +150,7 @@ def write_solution(
     OpenSim's ``Storage`` reads a file up to the first NaN, so files with failed frames are for other
     readers.
     """
-    name = solution.problem.trajectory.name
+    name = solution.problem.motion.trajectory.name
     for part in (name, analysis_name):
         _check_name(part)
     folder = Path(os.path.abspath(folder))
@@ -210,7 +208,7 @@ def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
 
 
 def _write_results(solution: Solution, folder: Path, analysis_name: str) -> None:
-    trajectory = solution.problem.trajectory
+    trajectory = solution.problem.motion.trajectory
     start = f"{trajectory.name}_{analysis_name}"
     failed = ~solution.is_solved
     columns = trajectory.force_columns or (
@@ -247,13 +245,12 @@ def _write_results(solution: Solution, folder: Path, analysis_name: str) -> None
     )
     controls = _controls_xml(labels, trajectory.time, activations)
     (folder / f"{start}_controls.xml").write_text(controls, encoding="utf-8")
-    margin = stability_margin(solution)
-    if margin is not None:
-        _write_stability(margin, trajectory.time, folder / f"{trajectory.name}_stability.sto")
+    if solution.stability is not None:
+        _write_stability(solution.stability, trajectory.time, folder / f"{trajectory.name}_stability.sto")
 
 
 def _by_name(solution: Solution, of_muscles: FloatArray, of_actuators: FloatArray) -> dict[str, FloatArray]:
-    trajectory = solution.problem.trajectory
+    trajectory = solution.problem.motion.trajectory
     columns = dict(zip(trajectory.muscles, of_muscles.T, strict=True))
     return columns | dict(zip(trajectory.actuators, of_actuators.T, strict=True))
 
@@ -322,17 +319,16 @@ def _write_status(solution: Solution, path: Path) -> None:
         f"(N.m, N or N.m/rad), {NO_ITERATE:g} where there is no iterate.\n"
     )
     columns = {"status": np.array([float(STATUS_CODES[status]) for status in solution.frame_status])}
-    columns |= {f"violation_{name}": _violation(rows) for name, rows in solution.rows.items()}
+    columns |= {f"violation_{name}": _violation(rows) for name, rows in solution.kept.items()}
     values = np.column_stack(list(columns.values()))
-    time = solution.problem.trajectory.time
+    time = solution.problem.motion.trajectory.time
     _write_table(path, "Solver Status", tuple(columns), time, values, description)
 
 
-def _violation(rows: RowResult) -> FloatArray:
+def _violation(rows: RowResult | MatrixResult) -> FloatArray:
     """Largest violation of each frame, shape (n_frames,) [the row's unit]."""
-    excess = np.maximum(rows.lower - rows.value, rows.value - rows.upper)
-    excess = np.where(np.isfinite(excess), np.maximum(excess, 0.0), NO_ITERATE)
-    return excess.max(axis=1, initial=NO_ITERATE)
+    excess = rows.violation.reshape(len(rows.violation), -1)
+    return np.where(np.isfinite(excess), excess, NO_ITERATE).max(axis=1, initial=NO_ITERATE)
 
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
@@ -343,18 +339,17 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
         "activations": plot_activations(solution, baseline=baseline),
         "moments": plot_moments(solution),
     }
-    margin = stability_margin(solution)
-    if margin is not None and margin.rows:
+    if solution.stability is not None and solution.stability.rows:
         drawn["stability"] = plot_stability(solution, baseline=baseline)
     for what, figure in drawn.items():
         for kind in _FIGURE_FORMATS:
-            figure.savefig(folder / f"{solution.problem.trajectory.name}_{what}.{kind}")
+            figure.savefig(folder / f"{solution.problem.motion.trajectory.name}_{what}.{kind}")
 
 
 def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:
     problem = solution.problem
-    trajectory = problem.trajectory
-    balance = moment_balance(solution)
+    trajectory = problem.motion.trajectory
+    balance = solution.moment_balance
     statuses = solution.frame_status
     counts = {status.name: statuses.count(status) for status in Status if status in statuses}
     report = {

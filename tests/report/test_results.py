@@ -18,7 +18,7 @@ from solution_by_hand import solution_by_hand
 
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io import read_storage
-from scso_nlp.io.results import NO_ITERATE, STATUS_CODES, RunRecord, write_solution
+from scso_nlp.report.results import NO_ITERATE, STATUS_CODES, RunRecord, write_solution
 from scso_nlp.solution import Status
 
 RESULTS = {
@@ -108,13 +108,16 @@ def test_columns_are_actuators_in_the_order_of_the_force_set(tmp_path):
     np.testing.assert_array_equal(force.column("front_0"), solution.tendon_force[:, 0])
     np.testing.assert_array_equal(force.column("hinge_0_reserve"), solution.actuator_force[:, 0])
     np.testing.assert_array_equal(force.column("hand_load_Fy"), np.arange(5.0))
-    np.testing.assert_array_equal(force.time, solution.problem.trajectory.time)
+    np.testing.assert_array_equal(force.time, solution.problem.motion.trajectory.time)
 
 
 def test_a_trajectory_without_force_columns_writes_muscles_then_actuators_then_other_forces(tmp_path):
     solution = solution_by_hand()
-    trajectory = replace(solution.problem.trajectory, force_columns=())
-    solution = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
+    trajectory = replace(solution.problem.motion.trajectory, force_columns=())
+    solution = replace(
+        solution,
+        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+    )
     write(solution, tmp_path / "results")
     force = read_storage(tmp_path / "results" / "antagonists_StaticOptimization_force.sto")
     assert force.labels == ("front_0", "back_0", "hinge_0_reserve", "hand_load_Fx", "hand_load_Fy")
@@ -122,9 +125,12 @@ def test_a_trajectory_without_force_columns_writes_muscles_then_actuators_then_o
 
 def test_a_force_column_that_nobody_fills_is_named(tmp_path):
     solution = solution_by_hand()
-    columns = (*solution.problem.trajectory.force_columns, "spring_left")
-    trajectory = replace(solution.problem.trajectory, force_columns=columns)
-    solution = replace(solution, problem=replace(solution.problem, trajectory=trajectory))
+    columns = (*solution.problem.motion.trajectory.force_columns, "spring_left")
+    trajectory = replace(solution.problem.motion.trajectory, force_columns=columns)
+    solution = replace(
+        solution,
+        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+    )
     with pytest.raises(NameMismatchError, match="spring_left"):
         write(solution, tmp_path / "results")
     assert files(tmp_path) == set()
@@ -219,7 +225,7 @@ def test_the_report_is_strict_json_with_what_is_needed_to_reproduce(tmp_path):
     assert report["versions"]["casadi"] == "3.8.2"
     assert report["solver"]["options"] == {"tolerance": 1e-6, "max_iterations": 500}
     assert report["seconds"] == {"extraction": 1.5, "build": 0.1, "solve": 0.2}
-    assert report["problem"]["muscle_names"] == list(solution.problem.trajectory.muscles)
+    assert report["problem"]["muscle_names"] == list(solution.problem.motion.trajectory.muscles)
     assert report["frame_status"] == ["SOLVED", "INFEASIBLE", "SOLVED", "SOLVED", "SOLVED"]
     assert report["status_counts"] == {"SOLVED": 4, "INFEASIBLE": 1}
     assert report["shortfalls"][0]["row"] == "hinge_0"

@@ -1,8 +1,7 @@
-"""Which turns decide when a Hessian must stay positive semi-definite: a small conic solver in NumPy.
+"""A small conic solver in NumPy: quadratic programs with one matrix inequality each.
 
-Every frame is a convex program with one matrix inequality. All frames take their interior-point
-steps together as batched arrays. The answer is used only to choose rows: the turns in the null space
-of the Hessian at the optimum, with which the rows alone reproduce the matrix inequality.
+All frames take their interior-point steps together as batched arrays. The answers are used only to choose
+rows, see :mod:`scso_nlp.solve.refine`, and to say what is out of reach.
 """
 
 from __future__ import annotations
@@ -46,9 +45,6 @@ _ROOM = 0.05
 #: A multiplier less than this share of the (scaled) matrix it belongs to is what the barrier left.
 _LEAST_PRICE = 1e-4
 
-#: Weights of the directions of a multiplier are similar if none is less than this share of the largest.
-_SIMILAR_WEIGHT = 1e-4
-
 #: Least slack of a bound or row at the starting point.
 _LEAST_SLACK = 1e-2
 
@@ -87,6 +83,10 @@ class MatrixProgram:
     upper: FloatArray
     matrices: FloatArray
     constant: FloatArray
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Give the matrices at unknowns (n_frames, n), shape (n_frames, size, size)."""
+        return self.constant + np.einsum("kxij,kx->kij", self.matrices, x)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,62 +244,6 @@ def _of_null_space(multiplier: FloatArray, slack: FloatArray) -> FloatArray:
     stiffness = np.einsum("kji,kjl,kli->ki", vectors, slack, vectors)
     kept = np.where(values > _LEAST_PRICE * stiffness, values, 0.0)
     return (vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1)
-
-
-def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
-    r"""Choose rows v'Hv that together hold as much as the matrix inequality does at the optimum.
-
-    The multiplier Z is written as a sum :math:`\sum_i \lambda_i v_i v_i^T` with positive weights, so that the
-    rows of the turns v have the same optimum as the inequality, and with as many turns as pin every product
-    of two directions of Z's range to zero.
-
-    Parameters
-    ----------
-    multiplier : ndarray, shape (n_frames, size, size)
-        Of the matrix inequality; positive semi-definite.
-    share : float [-]
-        Least eigenvalue over the largest one of the frame.
-
-    Returns
-    -------
-    ndarray, shape (n_frames, n_turns, size)
-        Unit vectors; zeros where a frame has fewer.
-
-    Notes
-    -----
-    With r directions of similar weight these are r (r + 1) / 2 turns, all active. Where weights differ by
-    more than a factor of 10,000 they are the eigenvectors and their sums and differences, r² turns.
-    """
-    values, vectors = np.linalg.eigh(multiplier)
-    values, vectors = values[:, ::-1], vectors[:, :, ::-1].transpose(0, 2, 1)
-    rank = ((values > share * values[:, :1]) & (values > 0)).sum(axis=1)
-    turns = np.zeros((len(rank), int((rank**2).max(initial=0)), values.shape[1]))
-    for r in np.unique(rank[rank > 0]):
-        similar = values[:, r - 1] > _SIMILAR_WEIGHT * values[:, 0]
-        for frames, mix in (
-            (np.flatnonzero((rank == r) & similar), _tight_frame(r)),
-            (np.flatnonzero((rank == r) & ~similar), _sums_and_differences(r)),
-        ):
-            weight = np.sqrt(values[frames, :r]) if mix.shape[0] < r * r else np.ones((frames.size, r))
-            chosen = (mix * weight[:, None, :]) @ vectors[frames, :r]
-            turns[frames, : len(mix)] = chosen / np.linalg.norm(chosen, axis=2, keepdims=True)
-    used = (turns != 0).any(axis=(0, 2))
-    return turns[:, : int(used.sum())]
-
-
-def _tight_frame(r: int) -> FloatArray:
-    """Rows u, r (r + 1) / 2 of them, whose products u u' add up to one and span all symmetric matrices."""
-    pairs = [(i, j) for i in range(r) for j in range(i)]
-    rows = np.vstack([np.eye(r), *[(np.eye(r)[i] + np.eye(r)[j])[None] for i, j in pairs]])
-    values, vectors = np.linalg.eigh(rows.T @ rows)
-    return rows @ (vectors / np.sqrt(values)) @ vectors.T
-
-
-def _sums_and_differences(r: int) -> FloatArray:
-    """Rows e_i, e_i + e_j and e_i - e_j, r² of them."""
-    one = np.eye(r)
-    pairs = [(i, j, sign) for i in range(r) for j in range(i) for sign in (1.0, -1.0)]
-    return np.vstack([one, *[(one[i] + sign * one[j])[None] for i, j, sign in pairs]])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Whether a stability level can be reached at all, before anything is solved.
+"""Whether a stability level can be reached at all, and what stiffness it would take to have it for nothing.
 
 For every frame: the most stability that activations within their bounds can give while all other rows,
 moment equilibrium first, are kept. Rows one by one by exact linear programs; the full Hessian by its
@@ -16,11 +16,20 @@ from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.stability.critical_turns import highest_eigenvalues
+from scso_nlp.solution import Solution
+from scso_nlp.solve.conic import highest_eigenvalues
+from scso_nlp.solve.local_model import LocalModel, local_model
+from scso_nlp.solve.threads import one_thread
+from scso_nlp.solve.verbs import solve_framewise
 from scso_nlp.stability.hessian import describe_turn, smallest_eigenvalues
-from scso_nlp.transcription.build import describe, split_rows
-from scso_nlp.transcription.local_model import LocalModel, local_model
+from scso_nlp.transcription.describe import describe
 from scso_nlp.validation import BoolArray, FloatArray
+
+#: A larger critical gain rests on forces that the solver left at its bounds, and counts as infinite [-].
+_LARGEST_GAIN = 1e4
+
+#: Halvings of the interval in which the full Hessian's critical gain is sought: 1e-14 of the largest.
+_HALVINGS = 60
 
 #: Shortfalls below this are taken for round-off [N·m/rad].
 _LEAST_SHORTFALL = 1e-5
@@ -125,61 +134,39 @@ def reachable_stability(problem: MuscleForceProblem) -> tuple[Reach, ...]:
     -----
     Terms that couple frames are left out, so a level that is reachable here may not be reachable with them.
     """
-    return tuple(
-        _reach(problem, term) for term in problem.constraints if isinstance(term, StabilityConstraint)
-    )
+    return tuple(_reach(problem, term) for term in problem.stability_terms)
 
 
 def _reach(problem: MuscleForceProblem, term: StabilityConstraint) -> Reach:
     hard = replace(term, soft=None)
-    if isinstance(hard, HessianStability):
-        hard = replace(hard, directions=None)
-    frames = replace(problem.without_coupling(), constraints=())
-    others = [t for t in problem.without_coupling().constraints if t is not term]
-    others = [t for t in others if not isinstance(t, StabilityConstraint)]
-    alone = replace(frames, constraints=(*others, hard))
-    program = describe(alone)
-    split = split_rows(program)
-    if any(not piece.is_pair for piece, _ in split.nonlinear):
+    separable = problem.without_coupling()
+    others = tuple(t for t in separable.constraints if not isinstance(t, StabilityConstraint))
+    model = local_model(describe(replace(separable, constraints=(*others, hard), observed=())))
+    if not all(matrix.is_affine for matrix in model.matrices) or model.curved_rows:
         raise ProblemError(
             f"the reach of {term.name} is found by linear programs, but some rows of the problem are not "
             "affine in activation (the stiffness law or the muscle model); solve with soft=... instead"
         )
-    n_frames = problem.trajectory.n_frames
-    near = local_model(
-        program,
-        split,
-        np.zeros((n_frames, program.layout.size)),
-        is_solution=False,
-        usable=np.ones(n_frames, dtype=bool),
-    )
-    if isinstance(hard, HessianStability):
-        return _reach_of_hessian(alone, hard, near)
-    return _reach_of_rows(alone, hard, near)
+    return _reach_of_matrix(model, hard) if model.matrices else _reach_of_rows(model, hard)
 
 
-def _reach_of_rows(problem: MuscleForceProblem, term: StabilityConstraint, near: LocalModel) -> Reach:
+def _reach_of_rows(model: LocalModel, term: StabilityConstraint) -> Reach:
     """Maximise every row alone by a linear program."""
-    program, affine = near.program, near.split.affine
-    lower, upper = near.bounds()
-    matrix, least, most = near.rows(without=term.name)
-    names = term.row_names(problem)
-    blocks = [b for b in program.row_blocks if not b.is_pair]
-    start = 0
-    for block in blocks:
-        if block.term == term.name:
-            break
-        start += len(block.names)
-    n_frames, n = near.unknowns.shape
-    gain = np.zeros((n_frames, len(names), n))
-    constant = np.zeros((n_frames, len(names)))
-    own = (affine.row >= start) & (affine.row < start + len(names))
-    gain[:, affine.row[own] - start, affine.column[own]] = affine.values[:, own] * block.scale
-    ours = (affine.rows >= start) & (affine.rows < start + len(names))
-    constant[:, affine.rows[ours] - start] = affine.constant[:, ours] * block.scale
-    highest = np.full((n_frames, len(names)), np.nan)
-    helping = np.zeros((n_frames, len(names), n))
-    scale = near.program.layout.scale
+    program = model.program
+    n_frames, size = program.time.size, program.layout.size
+    lower, upper = program.bounds()
+    affine, own = program.split.affine, program.rows.term == term.name
+    block = next(block for block, _ in program.rows if block.term == term.name)
+    others = ~own[affine.rows] & ~affine.is_empty.all(axis=0)
+    dense = affine.dense(size)
+    matrix, gain = dense[:, others], dense[:, own[affine.rows]] * block.scale
+    constant = affine.constant[:, own[affine.rows]] * block.scale
+    least, most = (
+        bound[affine.rows[others]] - affine.constant[:, others]
+        for bound in (program.rows.lower, program.rows.upper)
+    )
+    highest = np.full((n_frames, len(block.names)), np.nan)
+    helping = np.zeros((n_frames, len(block.names), size))
     for k in range(n_frames):
         equal = least[k] == most[k]
         above, below = np.isfinite(least[k]) & ~equal, np.isfinite(most[k]) & ~equal
@@ -190,46 +177,115 @@ def _reach_of_rows(problem: MuscleForceProblem, term: StabilityConstraint, near:
             "b_eq": least[k, equal],
             "bounds": np.column_stack([lower[k], upper[k]]),
         }
-        for i in range(len(names)):
+        for i in range(len(block.names)):
             answer = linprog(-gain[k, i], method="highs", **limits)
             if answer.status == 3:  # unbounded
                 highest[k, i] = np.inf
             elif answer.success:
                 highest[k, i] = constant[k, i] - answer.fun
-                helping[k, i] = -np.asarray(answer.upper.marginals) / scale
+                helping[k, i] = -np.asarray(answer.upper.marginals) / program.layout.scale
     return Reach(
         constraint=term.name,
-        time=problem.trajectory.time,
-        rows=names,
-        level=term.by_row(term.level, names),
+        time=program.time,
+        rows=block.names,
+        level=block.lower,
         highest=highest,
         labels=program.layout.labels,
         help=helping,
     )
 
 
-def _reach_of_hessian(problem: MuscleForceProblem, term: HessianStability, near: LocalModel) -> Reach:
+def _reach_of_matrix(model: LocalModel, term: StabilityConstraint) -> Reach:
     """Maximise the smallest eigenvalue, as one more unknown t with H - diag(level) - t 1 ⪰ 0."""
-    terms = term.terms(problem)
-    n_frames = len(near.unknowns)
-    program = term.matrix_program(terms, near, near.bounds())
-    answer = highest_eigenvalues(program)
-    hessian = program.constant + np.einsum("kxij,kx->kij", program.matrices, answer.x)
+    program, matrix = model.program, model.matrices[0]
+    n_frames = program.time.size
+    zero = np.zeros((n_frames, program.layout.size))
+    raised = model.matrix_program(matrix, zero, np.arange(n_frames))
+    with one_thread():
+        answer = highest_eigenvalues(raised)
     highest = np.full(n_frames, np.nan)
     turns = [""] * n_frames
     solved = answer.is_solved
     if solved.any():
-        highest[solved], modes = smallest_eigenvalues(hessian[solved])
+        highest[solved], modes = smallest_eigenvalues(raised.at(answer.x)[solved])
         for k, mode in zip(np.flatnonzero(solved), modes, strict=True):
-            turns[k] = describe_turn(terms.coordinates, mode)
-    helping = np.nan_to_num(answer.upper_multiplier) / near.program.layout.scale
+            turns[k] = describe_turn(matrix.block.names, mode)
+    helping = np.nan_to_num(answer.upper_multiplier) / program.layout.scale
     return Reach(
         constraint=term.name,
-        time=problem.trajectory.time,
+        time=program.time,
         rows=("smallest eigenvalue",),
         level=np.zeros(1),
         highest=highest[:, None],
-        labels=near.program.layout.labels,
+        labels=program.layout.labels,
         help=helping[:, None],
         turns=tuple(turns),
     )
+
+
+def critical_q(problem: MuscleForceProblem, baseline: Solution | None = None) -> FloatArray:
+    r"""Find the gain q above which stability has no effect: plain static optimization keeps every row.
+
+    With the forces F of static optimization a row is affine in q,
+    :math:`S_i = \sum_m F_m (C_{im} + q\, r_{im}^2 / L_m) + K_i - EW_i`, so its threshold is exact; that of
+    the full Hessian is the largest root of its smallest eigenvalue, which never falls with q.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+        With stability constraints; their own stiffness is not used. Gains are the same for all muscles.
+    baseline : Solution, optional
+        Its solution without stability; solved frame by frame if not given.
+
+    Returns
+    -------
+    ndarray, shape (n_frames,) [-]
+        0 where the rows are kept without muscle stiffness, infinite where no stiffness is enough, NaN in
+        frames that static optimization cannot solve.
+
+    Raises
+    ------
+    ProblemError
+        The problem has no stability constraint.
+    """
+    if not problem.stability_terms:
+        raise ProblemError("the problem has no stability constraint whose critical q could be found")
+    if baseline is None:
+        baseline = solve_framewise(problem.without_stability().without_coupling(), on_failure="return")
+    force = np.where(baseline.is_solved[:, None], baseline.tendon_force, np.nan)
+    per_gain = force / problem.motion.trajectory.muscle_tendon_length
+    critical = np.where(baseline.is_solved, 0.0, np.nan)
+    for term in problem.stability_terms:
+        if isinstance(term, HessianStability):
+            parts = term.terms(problem.motion)
+            level = np.diag(term.by_row(term.level, parts.coordinates))
+            without = parts.hessian(force, np.zeros_like(force)) - level
+            gained = parts.hessian(np.zeros_like(force), per_gain) - parts.constant
+            threshold = _critical_gain(without, gained, baseline.is_solved)
+        else:
+            rows = term.stability_rows(problem.motion)
+            passive = term.by_row(term.passive_stiffness, rows.rows)
+            without = np.einsum("kim,km->ki", rows.curvature, force) + passive - rows.external_work
+            missing = term.by_row(term.level, rows.rows) - without
+            gained = np.einsum("kim,km->ki", rows.moment_arms**2, per_gain)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                threshold = np.where(missing > 0, missing / gained, 0.0).max(axis=1, initial=0.0)
+        critical = np.maximum(critical, np.where(baseline.is_solved, threshold, np.nan))
+    return np.where(critical > _LARGEST_GAIN, np.inf, critical)
+
+
+def _critical_gain(without: FloatArray, gained: FloatArray, usable: BoolArray) -> FloatArray:
+    """Smallest q >= 0 at which `without` + q `gained` has no negative eigenvalue, shape (n_frames,)."""
+    without, gained = (np.where(usable[:, None, None], matrix, 0.0) for matrix in (without, gained))
+
+    def is_stable(q: FloatArray) -> BoolArray:
+        return np.asarray(np.linalg.eigvalsh(without + q[:, None, None] * gained)[:, 0] >= 0)
+
+    low, high = np.zeros(len(without)), np.full(len(without), _LARGEST_GAIN)
+    with one_thread():
+        never, always = ~is_stable(high), is_stable(low)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            stable = is_stable(middle)
+            low, high = np.where(stable, low, middle), np.where(stable, middle, high)
+    return np.where(always, 0.0, np.where(never, np.inf, high))

@@ -1,0 +1,73 @@
+"""Published methods, each as a function that returns its problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
+from scso_nlp.motion import Motion
+from scso_nlp.muscle_models.muscle_model import MuscleModel
+from scso_nlp.muscle_models.rigid_tendon import RigidTendon
+from scso_nlp.objectives.activation_effort import ActivationEffort
+from scso_nlp.problem import MuscleForceProblem
+
+
+def static_optimization(
+    motion: Motion, *, muscle_model: MuscleModel | None = None, exponent: float = 2.0
+) -> MuscleForceProblem:
+    """Describe static optimization as OpenSim defines it.
+
+    Parameters
+    ----------
+    motion : Motion
+    muscle_model : MuscleModel, optional
+        ``RigidTendon(convention="opensim")`` by default.
+    exponent : float [-]
+        Power of the activations.
+
+    Returns
+    -------
+    MuscleForceProblem
+
+    References
+    ----------
+    Crowninshield and Brand (1981), J Biomech 14:793-801.
+    """
+    return MuscleForceProblem(
+        motion=motion,
+        muscle_model=muscle_model or RigidTendon(),
+        objectives=(ActivationEffort(exponent=exponent),),
+        constraints=(MomentEquilibrium(),),
+    )
+
+
+def stability_constrained_static_optimization(
+    motion: Motion,
+    *,
+    stability: JointStability | None = None,
+    muscle_model: MuscleModel | None = None,
+    exponent: float = 2.0,
+) -> MuscleForceProblem:
+    """Describe the paper's method: static optimization with stability rows.
+
+    Parameters
+    ----------
+    motion : Motion
+    stability : JointStability, optional
+        The paper's q = 5 and level 0 about all axes of all joints by default.
+    muscle_model : MuscleModel, optional
+        ``RigidTendon(convention="opensim")`` by default.
+    exponent : float [-]
+        Power of the activations.
+
+    Returns
+    -------
+    MuscleForceProblem
+
+    References
+    ----------
+    Akhavanfar et al. (2019), J Biomech, doi 10.1016/j.jbiomech.2019.05.007.
+    """
+    plain = static_optimization(motion, muscle_model=muscle_model, exponent=exponent)
+    return replace(plain, constraints=(*plain.constraints, stability or JointStability()))

@@ -1,0 +1,6 @@
+"""Solving: two verbs, programs for IPOPT, rows for matrix inequalities, and the judge of what comes out."""
+
+from scso_nlp.solve.ipopt import SolverOptions as SolverOptions
+from scso_nlp.solve.judge import observe as observe
+from scso_nlp.solve.verbs import solve_framewise as solve_framewise
+from scso_nlp.solve.verbs import solve_trajectory as solve_trajectory

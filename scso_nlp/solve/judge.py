@@ -1,0 +1,424 @@
+"""The one place where unknowns become what a user receives.
+
+Everything is evaluated from the arrays of the solution, unscaled: rows, matrices and their eigenvalues,
+margins, balances, violations, statuses, and how well the conditions of an optimum hold. No solver grades its
+own work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.exceptions import NameMismatchError
+from scso_nlp.solution import (
+    SMALLEST_EIGENVALUE,
+    MatrixResult,
+    MomentBalance,
+    RowResult,
+    Shortfall,
+    Solution,
+    SolveReport,
+    StabilityMargin,
+    Status,
+)
+from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, infeasible_rows, worst_rows
+from scso_nlp.solve.optimality import optimality_of
+from scso_nlp.solve.threads import one_thread
+from scso_nlp.stability.hessian import smallest_eigenvalues
+from scso_nlp.transcription.describe import FrameProgram, describe
+from scso_nlp.transcription.layout import PROBLEM
+from scso_nlp.transcription.rows import MatrixBlock, RowBlock
+from scso_nlp.validation import BoolArray, FloatArray
+
+#: A frame whose rows are missed by more than this much of their scale is not solved [-].
+LOOSE_VIOLATION = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What solving a program left: scaled unknowns, row multipliers, statuses and what was seen before.
+
+    Attributes
+    ----------
+    program : FrameProgram
+        With the rows that were chosen for its matrix inequalities.
+    unknowns : ndarray, shape (n_frames, n_unknowns)
+        NaN in frames for which no solver was called.
+    multipliers : pair of ndarray, shapes (n_frames, n_rows) and (n_frames - 1, n_pair_rows)
+        In the solver's sign and scale, of the unweighted objective; NaN where there are none.
+    status : tuple of Status
+    shortfalls : tuple of Shortfall
+        Rows proven out of reach before solving.
+    """
+
+    program: FrameProgram
+    unknowns: FloatArray
+    multipliers: tuple[FloatArray, FloatArray]
+    status: tuple[Status, ...]
+    shortfalls: tuple[Shortfall, ...] = ()
+
+
+def judge(outcome: Outcome, report: SolveReport) -> Solution:
+    """Turn what a solver left into a solution.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    report : SolveReport
+
+    Returns
+    -------
+    Solution
+    """
+    program = outcome.program
+    motion = program.problem.motion
+    missing = np.asarray(np.isnan(outcome.unknowns).any(axis=1))
+    finite = np.nan_to_num(outcome.unknowns)
+    rows = _row_results(program, finite, outcome.multipliers, missing)
+    matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
+    status, shortfalls = _statuses(outcome, rows, matrices)
+    solved: BoolArray = np.array([s.is_solved for s in status])
+    parts = program.layout.split(outcome.unknowns * program.layout.scale)
+    activation, control = (parts.pop((PROBLEM, name)) for name in ("activation", "control"))
+    force = _blanked(program.tendon_force.values(finite, program.arrays), missing)
+    return Solution(
+        problem=program.problem,
+        frame_status=status,
+        activation=activation,
+        control=control,
+        tendon_force=force,
+        actuator_force=control * motion.actuators.optimal_force,
+        variables={f"{owner}.{name}": values for (owner, name), values in parts.items()},
+        quantities={
+            name: _blanked(piece.values(finite, program.arrays), missing)
+            for name, piece in program.quantities.items()
+        },
+        rows=rows,
+        matrices=matrices,
+        stability=_stability(program, rows, matrices, solved),
+        moment_balance=_moment_balance(program, force, control, solved),
+        optimality=optimality_of(program, finite, outcome.multipliers, solved),
+        objective_terms=_objective_terms(program, finite, solved),
+        violation=_violations(program, finite, rows, matrices, solved),
+        shortfalls=shortfalls,
+        report=report,
+    )
+
+
+def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
+    """Evaluate further stability constraints at a solution.
+
+    Parameters
+    ----------
+    solution : Solution
+    *constraints : StabilityConstraint
+        Those of the solution's own stability constraints that bear the same name give way.
+
+    Returns
+    -------
+    Solution
+        The same, with the constraints' rows, matrices, quantities and margins besides.
+
+    Raises
+    ------
+    NameMismatchError
+        A constraint that has the name of one that the solution kept.
+    """
+    kept = {term.name for term in solution.problem.constraints}
+    twice = [term.name for term in constraints if term.name in kept]
+    if twice:
+        raise NameMismatchError(
+            f"{', '.join(twice)} is a constraint that the solution kept; give the other one a label"
+        )
+    names = {term.name for term in constraints}
+    others = tuple(term for term in solution.problem.observed if term.name not in names)
+    problem = replace(solution.problem, observed=(*others, *constraints))
+    program = describe(problem)
+    parts = {(PROBLEM, "activation"): solution.activation, (PROBLEM, "control"): solution.control}
+    parts |= {tuple(name.rsplit(".", 1)): values for name, values in solution.variables.items()}  # type: ignore[misc]
+    guess = program.layout.rows("guess", program.time.size)
+    given = program.layout.join(parts, guess)
+    missing = np.asarray(np.isnan(np.hstack([solution.activation, solution.control])).any(axis=1))
+    unknowns = np.where(np.isfinite(given), given, guess) / program.layout.scale
+    rows = {**solution.rows, **_observed_rows(program, unknowns, missing)}
+    matrices = {**solution.matrices, **_observed_matrices(program, unknowns, missing)}
+    quantities = {
+        name: _blanked(piece.values(unknowns, program.arrays), missing)
+        for name, piece in program.quantities.items()
+    }
+    return replace(
+        solution,
+        problem=problem,
+        rows=rows,
+        matrices=matrices,
+        quantities={**solution.quantities, **quantities},
+        stability=_stability(program, rows, matrices, solution.is_solved),
+    )
+
+
+def _blanked(values: FloatArray, missing: BoolArray) -> FloatArray:
+    values = np.array(values)
+    values[missing] = np.nan
+    return values
+
+
+# ------------------------------------------------------------------------------------------------ rows
+
+
+def _row_results(
+    program: FrameProgram,
+    unknowns: FloatArray,
+    multipliers: tuple[FloatArray, FloatArray],
+    missing: BoolArray,
+) -> dict[str, RowResult]:
+    """Evaluate all rows by term, unscaled; a term's blocks are joined, chosen turns are left out."""
+    results: dict[str, RowResult] = {}
+    for is_pair, table in enumerate((program.rows, program.pair_rows)):
+        for block, where in table:
+            if block.piece is None:
+                continue
+            raw = multipliers[is_pair][:, where] / block.scale
+            # An active lower bound has a negative multiplier in the solver's sign convention.
+            multiplier = np.where(block.lower == block.upper, -raw, np.abs(raw))
+            new = _row_result(program, block, unknowns, multiplier, missing)
+            results[block.term] = _joined(results[block.term], new) if block.term in results else new
+    return results | _observed_rows(program, unknowns, missing)
+
+
+def _row_result(
+    program: FrameProgram,
+    block: RowBlock,
+    unknowns: FloatArray,
+    multiplier: FloatArray,
+    missing: BoolArray,
+) -> RowResult:
+    assert block.piece is not None
+    value = block.piece.values(unknowns, program.arrays)
+    if block.is_pair:
+        gap = np.full((1, len(block.names)), np.nan)
+        value, multiplier = np.vstack([gap, value]), np.vstack([gap, multiplier])
+    missed = np.zeros(value.shape)
+    if block.missed is not None:
+        missed = unknowns[:, block.missed : block.missed + len(block.names)] * block.scale
+    return RowResult(
+        names=block.names,
+        unit=block.unit,
+        value=_blanked(value - missed, missing),
+        lower=block.lower,
+        upper=block.upper,
+        missed=_blanked(missed, missing),
+        multiplier=multiplier,
+    )
+
+
+def _joined(first: RowResult, second: RowResult) -> RowResult:
+    return RowResult(
+        names=first.names + second.names,
+        unit=first.unit + second.unit,
+        value=np.hstack([first.value, second.value]),
+        lower=np.concatenate([first.lower, second.lower]),
+        upper=np.concatenate([first.upper, second.upper]),
+        missed=np.hstack([first.missed, second.missed]),
+        multiplier=np.hstack([first.multiplier, second.multiplier]),
+    )
+
+
+def _observed_rows(program: FrameProgram, unknowns: FloatArray, missing: BoolArray) -> dict[str, RowResult]:
+    results = {}
+    for block in program.observed:
+        if isinstance(block, RowBlock):
+            nothing = np.full((len(unknowns), len(block.names)), np.nan)
+            result = _row_result(program, block, unknowns, nothing, missing)
+            results[block.term] = replace(result, is_observed=True)
+    return results
+
+
+def _matrix_results(
+    program: FrameProgram, unknowns: FloatArray, multipliers: FloatArray, missing: BoolArray
+) -> dict[str, MatrixResult]:
+    chosen = {block.term: (block.turns, where) for block, where in program.rows if block.turns is not None}
+    results = {}
+    for block in program.matrices:
+        turns, where = chosen[block.term]
+        weight = np.abs(multipliers[:, where]) / block.scale
+        multiplier = np.einsum("kr,kri,krj->kij", weight, turns, turns, optimize=True)
+        results[block.term] = replace(
+            _matrix_result(program, block, unknowns, missing), multiplier=multiplier
+        )
+    return results | _observed_matrices(program, unknowns, missing)
+
+
+def _observed_matrices(
+    program: FrameProgram, unknowns: FloatArray, missing: BoolArray
+) -> dict[str, MatrixResult]:
+    return {
+        block.term: replace(_matrix_result(program, block, unknowns, missing), is_observed=True)
+        for block in program.observed
+        if isinstance(block, MatrixBlock)
+    }
+
+
+def _matrix_result(
+    program: FrameProgram, block: MatrixBlock, unknowns: FloatArray, missing: BoolArray
+) -> MatrixResult:
+    value = block.filled(block.piece.values(unknowns, program.arrays))
+    missed = np.zeros(len(unknowns))
+    if block.missed is not None:
+        missed = block.scale * unknowns[:, block.missed]
+    with one_thread():
+        smallest, mode = smallest_eigenvalues(value - np.diag(block.lower))
+    return MatrixResult(
+        names=block.names,
+        unit=block.unit,
+        value=_blanked(value, missing),
+        lower=block.lower,
+        missed=_blanked(missed, missing),
+        smallest_eigenvalue=_blanked(smallest, missing),
+        mode=_blanked(mode, missing),
+        multiplier=np.full(value.shape, np.nan),
+    )
+
+
+# -------------------------------------------------------------------------------------------- statuses
+
+
+def _statuses(
+    outcome: Outcome, rows: dict[str, RowResult], matrices: dict[str, MatrixResult]
+) -> tuple[tuple[Status, ...], tuple[Shortfall, ...]]:
+    """Hold what the solver said of each frame against its rows; worst shortfalls of failed frames first."""
+    program, status = outcome.program, list(outcome.status)
+    violation = _scaled_violation(program, rows, matrices)
+    for k, found in enumerate(status):
+        if found.is_solved and violation[k] > LOOSE_VIOLATION:
+            status[k] = Status.NUMERICAL_ERROR
+        elif found is Status.SOLVED and violation[k] > FEASIBILITY_TOLERANCE:
+            status[k] = Status.ACCEPTABLE
+    shortfalls = list(outcome.shortfalls)
+    reached = {shortfall.frame for shortfall in shortfalls}
+    # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
+    found_only_by_ipopt = not (program.split.nonlinear or program.is_coupled)
+    for k in range(len(status)):
+        if status[k].is_solved or k in reached:
+            continue
+        proven = infeasible_rows(program, k)
+        if proven:
+            status[k] = Status.INFEASIBLE
+        elif found_only_by_ipopt and status[k] is Status.INFEASIBLE:
+            status[k] = Status.NUMERICAL_ERROR
+        if proven or np.isfinite(outcome.unknowns[k]).all():
+            shortfalls += proven or worst_rows(program, rows, matrices, k)
+    scales = _scales(program)
+    return tuple(status), tuple(sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint]))
+
+
+def _scales(program: FrameProgram) -> dict[str, float]:
+    blocks = (*program.rows.blocks, *program.pair_rows.blocks)
+    return {block.term: block.scale for block in blocks}
+
+
+def _scaled_violation(
+    program: FrameProgram, rows: dict[str, RowResult], matrices: dict[str, MatrixResult]
+) -> FloatArray:
+    """Largest violation of each frame over the scale of its row, shape (n_frames,)."""
+    scales = _scales(program)
+    worst = np.zeros(program.time.size)
+    for name, row in rows.items():
+        if not row.is_observed:
+            missing = np.nan_to_num(row.violation) / scales[name]
+            worst = np.maximum(worst, missing.max(axis=1, initial=0.0))
+    for name, matrix in matrices.items():
+        if not matrix.is_observed:
+            worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales[name])
+    return worst
+
+
+def _violations(
+    program: FrameProgram,
+    unknowns: FloatArray,
+    rows: dict[str, RowResult],
+    matrices: dict[str, MatrixResult],
+    solved: BoolArray,
+) -> dict[str, float]:
+    """Largest violation over the solved frames, by constraint name, in the row's own unit."""
+    kept = {name: result.violation for name, result in rows.items() if not result.is_observed}
+    kept |= {name: result.violation for name, result in matrices.items() if not result.is_observed}
+    lower, upper = (program.layout.rows(what, len(unknowns)) for what in ("lower", "upper"))
+    physical = unknowns * program.layout.scale
+    kept["bounds"] = np.maximum(np.maximum(lower - physical, physical - upper), 0.0)
+    if not solved.any():
+        return {name: float("nan") for name in kept}
+    return {name: float(np.nanmax(values[solved], initial=0.0)) for name, values in kept.items()}
+
+
+# ----------------------------------------------------------------------------------- margins and balances
+
+
+def _stability(
+    program: FrameProgram,
+    rows: dict[str, RowResult],
+    matrices: dict[str, MatrixResult],
+    solved: BoolArray,
+) -> StabilityMargin | None:
+    """Collect rows and matrices of all stability constraints; NaN in frames that are not solved."""
+    names = [term.name for term in program.problem.stability_terms]
+    parts = [_margin_of_matrix(matrices[n]) if n in matrices else _margin_of_rows(rows[n]) for n in names]
+    if not parts:
+        return None
+    modes = [part for part in parts if part.mode_coordinates]
+    failed = ~solved
+    return StabilityMargin(
+        rows=tuple(name for part in parts for name in part.rows),
+        stability=_blanked(np.hstack([part.stability for part in parts]), failed),
+        level=np.concatenate([part.level for part in parts]),
+        multiplier=_blanked(np.hstack([part.multiplier for part in parts]), failed),
+        mode_coordinates=modes[0].mode_coordinates if modes else (),
+        mode=_blanked(modes[0].mode, failed) if modes else np.zeros((failed.size, 0)),
+    )
+
+
+def _margin_of_rows(rows: RowResult) -> StabilityMargin:
+    return StabilityMargin(
+        rows=rows.names, stability=rows.value, level=rows.lower, multiplier=rows.multiplier
+    )
+
+
+def _margin_of_matrix(matrix: MatrixResult) -> StabilityMargin:
+    diagonal = np.einsum("kii->ki", matrix.value)
+    stability = np.column_stack([diagonal, matrix.smallest_eigenvalue])
+    return StabilityMargin(
+        rows=(*matrix.names, SMALLEST_EIGENVALUE),
+        stability=stability,
+        level=np.append(matrix.lower, 0.0),
+        multiplier=np.full(stability.shape, np.nan),
+        mode_coordinates=matrix.names,
+        mode=matrix.mode,
+    )
+
+
+def _moment_balance(
+    program: FrameProgram, tendon_force: FloatArray, control: FloatArray, solved: BoolArray
+) -> MomentBalance:
+    r"""Split the moment of each coordinate into what muscles and what actuators produce, M = R F + A c."""
+    trajectory = program.problem.motion.trajectory
+    muscles = np.einsum("kcm,km->kc", trajectory.moment_arms, tendon_force)
+    actuators = np.einsum("kca,ka->kc", trajectory.actuator_generalized_forces, control)
+    return MomentBalance(
+        coordinates=trajectory.coordinates,
+        unit=tuple("N·m" if angle else "N" for angle in trajectory.is_rotational),
+        required=trajectory.generalized_forces,
+        muscles=_blanked(muscles, ~solved),
+        actuators=_blanked(actuators, ~solved),
+    )
+
+
+def _objective_terms(program: FrameProgram, unknowns: FloatArray, solved: BoolArray) -> dict[str, float]:
+    """Weighted value of each objective over the solved frames (both frames of a pair)."""
+    result = {}
+    for name, piece in program.objectives:
+        values = piece.values(unknowns, program.arrays)[:, 0]
+        keep = solved[:-1] & solved[1:] if piece.is_pair else solved
+        result[name] = float(values[keep].sum())
+    return result

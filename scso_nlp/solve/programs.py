@@ -1,0 +1,233 @@
+"""Frames solved together or one by one, as programs for IPOPT."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.solution import Solution, Status
+from scso_nlp.solve.feasibility import infeasible_rows, out_of_reach
+from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
+from scso_nlp.solve.judge import Outcome
+from scso_nlp.transcription.build import Nlp, build_nlp
+from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.layout import PROBLEM
+from scso_nlp.transcription.piece import evaluate
+from scso_nlp.validation import FloatArray, IntArray
+
+_LOG = logging.getLogger("scso_nlp")
+
+#: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
+_LEAST_EFFORT = 1e-3
+
+
+@dataclass(kw_only=True)
+class Effort:
+    """What solving has cost so far."""
+
+    iterations: int = 0
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
+
+
+def solve_rows(
+    program: FrameProgram,
+    start: FloatArray,
+    *,
+    together: bool,
+    doubtful: Iterable[int],
+    options: SolverOptions,
+    effort: Effort,
+) -> Outcome:
+    """Solve a program with the rows that it has.
+
+    Frames that are proven infeasible beforehand are not given to the solver.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    start : ndarray, shape (n_frames, n_unknowns)
+        Scaled; every program begins here, so that a frame's answer does not depend on which others failed.
+    together : bool
+        All frames in few programs, or one by one.
+    doubtful : iterable of int
+        Frames to be tested for feasibility first.
+    options : SolverOptions
+    effort : Effort
+        Is added to.
+
+    Returns
+    -------
+    Outcome
+    """
+    started = time.perf_counter()
+    n = program.time.size
+    shortfalls = out_of_reach(program)
+    for k in sorted(set(doubtful) - {shortfall.frame for shortfall in shortfalls}):
+        shortfalls += infeasible_rows(program, k)
+    lost = {shortfall.frame for shortfall in shortfalls}
+    if program.is_coupled and lost:
+        lost = set(range(n))
+    run = _Run(
+        program=program,
+        options=options,
+        effort=effort,
+        start=start,
+        unknowns=start.copy(),
+        multipliers=(
+            np.full((n, len(program.rows)), np.nan),
+            np.full((max(n - 1, 0), len(program.pair_rows)), np.nan),
+        ),
+        status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
+        weights=frame_weights(program, start),
+    )
+    effort.build_seconds += time.perf_counter() - started
+    if run.waiting.size:
+        run.together() if together else run.one_by_one()
+    run.unknowns[sorted(lost)] = np.nan
+    return Outcome(
+        program=program,
+        unknowns=run.unknowns,
+        multipliers=run.multipliers,
+        status=tuple(s if s is not None else Status.NUMERICAL_ERROR for s in run.status),
+        shortfalls=tuple(shortfalls),
+    )
+
+
+@dataclass(kw_only=True)
+class _Run:
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
+
+    program: FrameProgram
+    options: SolverOptions
+    effort: Effort
+    start: FloatArray
+    unknowns: FloatArray
+    multipliers: tuple[FloatArray, FloatArray]
+    status: list[Status | None]
+    weights: FloatArray
+    bounds: tuple[FloatArray, FloatArray] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bounds = self.program.bounds()
+
+    @property
+    def waiting(self) -> IntArray:
+        """Frames without a status."""
+        return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
+
+    def together(self) -> None:
+        """Solve the waiting frames as few programs; where they fail, find out which and go on without."""
+        frames = self.waiting
+        coupled = self.program.is_coupled
+        n_programs = 1 if coupled else -(-frames.size // self.options.frames_per_program)
+        built: dict[int, tuple[Nlp, ca.Function]] = {}
+        lost: list[int] = []
+        for block in np.array_split(frames, n_programs):
+            if block.size not in built:
+                built[block.size] = self._build(block.size)
+            answer = self._call(*built[block.size], block)
+            if answer.status.is_solved:
+                continue
+            if coupled:
+                self._set(block, answer.status)
+                return
+            _LOG.info("%d frames were not solved together (%s)", block.size, answer.status.name)
+            lost += [int(k) for k in block if infeasible_rows(self.program, int(k))]
+        self._set(lost, Status.INFEASIBLE)
+        if lost and self.waiting.size:
+            _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
+            self.together()
+        elif self.waiting.size:
+            _LOG.info("solving %d frames one by one", self.waiting.size)
+            self.one_by_one()
+
+    def one_by_one(self) -> None:
+        """Solve each waiting frame with one compiled program."""
+        nlp, solver = self._build(1)
+        for k in self.waiting:
+            self.status[k] = self._call(nlp, solver, np.array([k])).status
+
+    def _build(self, n_frames: int) -> tuple[Nlp, ca.Function]:
+        started = time.perf_counter()
+        nlp = build_nlp(self.program, n_frames)
+        solver = compile_ipopt(nlp, self.options)
+        self.effort.build_seconds += time.perf_counter() - started
+        return nlp, solver
+
+    def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
+        started = time.perf_counter()
+        lower, upper = self.bounds
+        answer = call_ipopt(
+            solver,
+            x0=self.start[frames].ravel(),
+            p=nlp.parameters(frames, self.weights[frames]),
+            bounds=(lower[frames].ravel(), upper[frames].ravel()),
+            row_bounds=nlp.row_bounds(frames),
+        )
+        self.unknowns[frames] = answer.x.reshape(frames.size, -1)
+        one, pair = nlp.multipliers(answer.lam_g)
+        self.multipliers[0][frames] = one / self.weights[frames, None]
+        if frames.size > 1 and pair.size:
+            self.multipliers[1][:] = pair / self.weights[0]  # one weight for all where frames are coupled
+        if answer.status.is_solved:
+            self._set(frames, answer.status)
+        self.effort.iterations += answer.iterations
+        self.effort.solve_seconds += time.perf_counter() - started
+        return answer
+
+    def _set(self, frames: Iterable[int], status: Status) -> None:
+        for k in frames:
+            self.status[int(k)] = status
+
+
+def starting_point(program: FrameProgram, guess: Solution | None) -> FloatArray:
+    """Scaled unknowns to begin with: of a solution, and what it lacks from the terms' own guesses.
+
+    Raises
+    ------
+    ProblemError
+        The solution has another number of frames or muscles.
+    """
+    n = program.time.size
+    unknowns = program.layout.rows("guess", n)
+    if guess is not None:
+        expected = (n, program.problem.motion.muscles.n_muscles)
+        if guess.activation.shape != expected:
+            raise ProblemError(
+                f"initial_guess has activations of shape {guess.activation.shape}, expected "
+                f"{expected} = (n_frames, n_muscles)"
+            )
+        parts = {(PROBLEM, "activation"): guess.activation, (PROBLEM, "control"): guess.control}
+        parts |= {tuple(name.rsplit(".", 1)): v for name, v in guess.variables.items()}  # type: ignore[misc]
+        given = program.layout.join(parts, unknowns)
+        unknowns = np.where(np.isfinite(given), given, unknowns)
+    return unknowns / program.layout.scale
+
+
+def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    r"""Weights that bring every frame's objective near 1 at the guess, shape (n_frames,).
+
+    Without coupling a positive weight per frame does not move the optimum, and with coupling one weight
+    for all; but without it the powers of small activations, or an objective of small weight, vanish in
+    the solver's tolerance. The size of an objective f is :math:`\sum_i |x_i\, \partial f/\partial x_i|`,
+    which a constant offset does not change.
+    """
+    size = np.zeros(len(unknowns))
+    for _, piece in program.objectives:
+        slope = piece.slope()
+        for point in (unknowns, np.full_like(unknowns, _LEAST_EFFORT)):
+            slopes = np.abs(evaluate(piece, slope, point, program.arrays)[0])
+            for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
+                frames = slice(side, side + len(part))
+                value = (part * np.abs(point[frames])).sum(axis=1)
+                size[frames] = np.maximum(size[frames], np.where(np.isfinite(value), value, 0.0))
+    if program.is_coupled:
+        size[:] = size.mean()
+    return 1.0 / np.where(size > np.finfo(float).tiny, size, 1.0)

@@ -1,0 +1,215 @@
+r"""Matrix inequalities by rows: turns v with which :math:`v^T G\, v \ge 0` is what :math:`G \succeq 0` is.
+
+Before the first solve, turns in the null space of the matrix at the optimum of the problem's quadratic
+model; after each solve, eigenvectors of negative eigenvalues and the turns that decide there, until there are
+none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
+from scso_nlp.solve.local_model import LocalModel, Quadratic
+from scso_nlp.solve.threads import one_thread
+from scso_nlp.transcription.turns import MatrixModel
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
+
+#: An eigenvalue below zero by less than this share of its scale counts as kept [-].
+EIGENVALUE_TOLERANCE = 1e-6
+
+#: Frames whose deciding turns are sought together; bounds the memory.
+FRAMES_PER_BATCH = 64
+
+#: Weights of the directions of a multiplier are similar if none is less than this share of the largest.
+_SIMILAR_WEIGHT = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turns:
+    """Turns of every matrix inequality of a problem.
+
+    Attributes
+    ----------
+    turns : tuple of ndarray, shape (n_frames, n_turns, n) [-]
+        Unit vectors; zeros where a frame has fewer.
+    doubtful : tuple of int
+        Frames in which no matrix above its levels was found.
+    """
+
+    turns: tuple[FloatArray, ...] = ()
+    doubtful: tuple[int, ...] = ()
+
+
+def foreseen_turns(model: LocalModel, start: FloatArray) -> Turns:
+    """Choose turns before the first solve: those that decide, or each direction alone where none are found.
+
+    Parameters
+    ----------
+    model : LocalModel
+    start : ndarray, shape (n_frames, n_unknowns)
+        Scaled.
+
+    Returns
+    -------
+    Turns
+    """
+    chosen: list[FloatArray] = []
+    doubtful: set[int] = set()
+    every = np.arange(len(start))
+    for matrix in model.matrices:
+        n = len(matrix.block.names)
+        turns, found, beyond = _deciding_turns(model, matrix, start, every)
+        width = max(turns.shape[1], 0 if found.all() else n)
+        padded = np.zeros((len(start), width, n))
+        padded[:, : turns.shape[1]] = turns
+        if not found.all():
+            padded[~found, :n] = np.eye(n)
+        chosen.append(padded)
+        doubtful.update(int(k) for k in beyond)
+    return Turns(turns=tuple(chosen), doubtful=tuple(sorted(doubtful)))
+
+
+def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: BoolArray) -> Turns | None:
+    """Add what a solution does not withstand.
+
+    Parameters
+    ----------
+    model : LocalModel
+    old : Turns
+    unknowns : ndarray, shape (n_frames, n_unknowns)
+        Of the solution, scaled.
+    usable : ndarray of bool, shape (n_frames,)
+        Frames that are solved.
+
+    Returns
+    -------
+    Turns or None
+        None where every usable frame keeps its matrix inequalities.
+    """
+    turns, is_kept = list(old.turns), True
+    for i, matrix in enumerate(model.matrices):
+        value = matrix.value(unknowns, model.program.arrays)
+        with one_thread():
+            values, vectors = np.linalg.eigh(np.where(usable[:, None, None], value, 0.0))
+        negative = values < -EIGENVALUE_TOLERANCE * matrix.block.scale
+        if not negative.any():
+            continue
+        is_kept = False
+        # Eigenvalues rise, so the negative ones come first.
+        most = int(negative.sum(axis=1).max())
+        unstable = np.where(negative[:, :most, None], vectors.transpose(0, 2, 1)[:, :most], 0.0)
+        frames = np.flatnonzero(negative.any(axis=1))
+        deciding, _, _ = _deciding_turns(model, matrix, unknowns, frames, model.coupling(unknowns))
+        turns[i] = np.concatenate([turns[i], unstable, deciding], axis=1)
+    return None if is_kept else Turns(turns=tuple(turns), doubtful=old.doubtful)
+
+
+def _deciding_turns(
+    model: LocalModel,
+    matrix: MatrixModel,
+    unknowns: FloatArray,
+    frames: IntArray,
+    coupling: Quadratic | None = None,
+) -> tuple[FloatArray, BoolArray, IntArray]:
+    """Find the null space of a matrix at the optimum, by a model of the problem without coupling.
+
+    Where there is no optimum, the turns are those that are left unstable at the highest eigenvalue.
+
+    Returns
+    -------
+    turns : ndarray, shape (n_frames, n_turns, n)
+        Zeros where a frame has fewer, and in frames not asked for.
+    found : ndarray of bool, shape (n_frames,)
+    doubtful : ndarray of int
+        Frames whose highest eigenvalue is negative.
+    """
+    n = len(matrix.block.names)
+    found = np.zeros(len(unknowns), dtype=bool)
+    multiplier = np.zeros((found.size, n, n))
+    doubtful = [np.zeros(0, dtype=np.int64)]
+    for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
+
+        def program(here: FloatArray, which: IntArray, part: IntArray = part) -> MatrixProgram:
+            return model.matrix_program(matrix, here, part[which], coupling)
+
+        start = unknowns[part]
+        first = program(start, np.arange(part.size))
+        with one_thread():
+            if model.is_quadratic:
+                answer = solve_matrix_programs(first)
+            else:
+                answer = solve_matrix_programs(first, program, start)
+        multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
+        found[part] = answer.is_solved
+        lost = np.flatnonzero(~answer.is_solved)
+        if lost.size and model.is_quadratic:
+            raised = program(start[lost], lost)
+            with one_thread():
+                best = highest_eigenvalues(raised)
+            least = np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0]
+            short = np.zeros(lost.size, dtype=bool)
+            short[best.is_solved] = least < -EIGENVALUE_TOLERANCE * matrix.block.scale
+            beyond = part[lost[short]]
+            multiplier[beyond], found[beyond] = best.multiplier[short], True
+            doubtful.append(beyond)
+    with one_thread():
+        return critical_turns(multiplier), found, np.concatenate(doubtful)
+
+
+def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
+    r"""Choose rows v'Hv that together hold as much as the matrix inequality does at the optimum.
+
+    The multiplier Z is written as a sum :math:`\sum_i \lambda_i v_i v_i^T` with positive weights, so that the
+    rows of the turns v have the same optimum as the inequality, and with as many turns as pin every product
+    of two directions of Z's range to zero.
+
+    Parameters
+    ----------
+    multiplier : ndarray, shape (n_frames, size, size)
+        Of the matrix inequality; positive semi-definite.
+    share : float [-]
+        Least eigenvalue over the largest one of the frame.
+
+    Returns
+    -------
+    ndarray, shape (n_frames, n_turns, size)
+        Unit vectors; zeros where a frame has fewer.
+
+    Notes
+    -----
+    With r directions of similar weight these are r (r + 1) / 2 turns, all active. Where weights differ by
+    more than a factor of 10,000 they are the eigenvectors and their sums and differences, r² turns.
+    """
+    values, vectors = np.linalg.eigh(multiplier)
+    values, vectors = values[:, ::-1], vectors[:, :, ::-1].transpose(0, 2, 1)
+    rank = ((values > share * values[:, :1]) & (values > 0)).sum(axis=1)
+    turns = np.zeros((len(rank), int((rank**2).max(initial=0)), values.shape[1]))
+    for r in np.unique(rank[rank > 0]):
+        similar = values[:, r - 1] > _SIMILAR_WEIGHT * values[:, 0]
+        for frames, mix in (
+            (np.flatnonzero((rank == r) & similar), _tight_frame(r)),
+            (np.flatnonzero((rank == r) & ~similar), _sums_and_differences(r)),
+        ):
+            weight = np.sqrt(values[frames, :r]) if mix.shape[0] < r * r else np.ones((frames.size, r))
+            chosen = (mix * weight[:, None, :]) @ vectors[frames, :r]
+            turns[frames, : len(mix)] = chosen / np.linalg.norm(chosen, axis=2, keepdims=True)
+    used = (turns != 0).any(axis=(0, 2))
+    return turns[:, : int(used.sum())]
+
+
+def _tight_frame(r: int) -> FloatArray:
+    """Rows u, r (r + 1) / 2 of them, whose products u u' add up to one and span all symmetric matrices."""
+    pairs = [(i, j) for i in range(r) for j in range(i)]
+    rows = np.vstack([np.eye(r), *[(np.eye(r)[i] + np.eye(r)[j])[None] for i, j in pairs]])
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    return rows @ (vectors / np.sqrt(values)) @ vectors.T
+
+
+def _sums_and_differences(r: int) -> FloatArray:
+    """Rows e_i, e_i + e_j and e_i - e_j, r² of them."""
+    one = np.eye(r)
+    pairs = [(i, j, sign) for i in range(r) for j in range(i) for sign in (1.0, -1.0)]
+    return np.vstack([one, *[(one[i] + sign * one[j])[None] for i, j, sign in pairs]])

@@ -1,0 +1,231 @@
+"""The two verbs: solve the frames of a motion together, or frame by frame."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+import platform
+import time
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from scso_nlp.exceptions import CouplingError, ProblemError
+from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
+from scso_nlp.solve.ipopt import SolverOptions
+from scso_nlp.solve.judge import Outcome, judge
+from scso_nlp.solve.local_model import local_model
+from scso_nlp.solve.programs import Effort, solve_rows, starting_point
+from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns
+from scso_nlp.transcription.describe import FrameProgram, describe
+from scso_nlp.transcription.turns import matrix_models, with_turns
+from scso_nlp.validation import FloatArray
+
+_LOG = logging.getLogger("scso_nlp")
+
+#: Most rounds of adding rows for matrix inequalities.
+_MAX_ROUNDS = 100
+
+#: Least tolerance where rows are added: eigenvalues near zero react strongly to small errors.
+_TOLERANCE_OF_ADDED_ROWS = 1e-10
+
+
+def solve_trajectory(
+    problem: MuscleForceProblem,
+    *,
+    initial_guess: Solution | None = None,
+    options: SolverOptions | None = None,
+    on_failure: str = "raise",
+) -> Solution:
+    """Solve all frames together, as one nonlinear program.
+
+    Where no term couples frames, a motion of more than ``options.frames_per_program`` frames is cut into
+    several programs; the answer does not depend on the cut.
+
+    Frames that are found infeasible are taken out of the program where no term couples frames, so that
+    the others still get their answer.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+    initial_guess : Solution, optional
+        Of the same motion; what it lacks starts from the default guess.
+    options : SolverOptions, optional
+    on_failure : "raise" or "return"
+        Whether a failed frame raises or is only marked in ``Solution.frame_status``.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    SolveFailed
+        Some frame was not solved; the exception carries the solution with its last iterate.
+    ProblemError
+        Contradictory description or options.
+    """
+    return _solve(problem, "trajectory", initial_guess, options or SolverOptions(), on_failure)
+
+
+def solve_framewise(
+    problem: MuscleForceProblem,
+    *,
+    initial_guess: Solution | None = None,
+    options: SolverOptions | None = None,
+    on_failure: str = "raise",
+) -> Solution:
+    """Solve frame by frame: the same program built for one frame and fed with each frame's numbers.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+        Without terms that couple frames; see :meth:`MuscleForceProblem.without_coupling`.
+    initial_guess : Solution, optional
+    options : SolverOptions, optional
+    on_failure : "raise" or "return"
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    CouplingError
+        A term couples frames.
+    SolveFailed
+        Some frame was not solved; the exception carries the solution with its last iterate.
+    ProblemError
+        Contradictory description or options.
+    """
+    if problem.coupled_terms:
+        raise CouplingError(
+            f"{', '.join(problem.coupled_terms)} couples frames, so the problem cannot be solved "
+            "frame by frame; use solve_trajectory, or problem.without_coupling()"
+        )
+    return _solve(problem, "framewise", initial_guess, options or SolverOptions(), on_failure)
+
+
+def _solve(
+    problem: MuscleForceProblem, solver: str, guess: Solution | None, options: SolverOptions, on_failure: str
+) -> Solution:
+    if on_failure not in ("raise", "return"):
+        raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
+    for term in (problem.muscle_model, *problem.constraints):
+        for note in term.notes(problem.motion):
+            _LOG.info("%s: %s", problem.motion.name, note)
+    started = time.perf_counter()
+    program = describe(problem)
+    if program.matrices:
+        options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
+    effort = Effort(build_seconds=time.perf_counter() - started)
+    outcome, rounds = _solve_rounds(program, solver == "trajectory", guess, options, effort)
+    report = SolveReport(
+        solver=solver,
+        iterations=effort.iterations,
+        build_seconds=effort.build_seconds,
+        solve_seconds=effort.solve_seconds,
+        options=asdict(options),
+        versions=versions(),
+        rounds=rounds,
+    )
+    solution = judge(outcome, report)
+    _LOG.info(
+        "%s (%s): %s; %d rounds, %d iterations, build %.2f s, solve %.2f s",
+        problem.motion.name,
+        solver,
+        solution.summary(),
+        report.rounds,
+        report.iterations,
+        report.build_seconds,
+        report.solve_seconds,
+    )
+    if on_failure == "raise" and not solution.is_solved.all():
+        raise SolveFailed(solution)
+    return solution
+
+
+def _solve_rounds(
+    program: FrameProgram,
+    together: bool,
+    guess: Solution | None,
+    options: SolverOptions,
+    effort: Effort,
+) -> tuple[Outcome, int]:
+    """Solve, and solve again while matrix inequalities need more rows."""
+    started = time.perf_counter()
+    start = starting_point(program, guess)
+    model, turns = None, Turns()
+    if program.matrices:
+        model = local_model(program)
+        turns = foreseen_turns(model, start)
+    effort.build_seconds += time.perf_counter() - started
+    if guess is None:
+        problem = program.problem
+        start = _gentle_start(problem, start, turns, together=together, options=options, effort=effort)
+    for rounds in range(1, _MAX_ROUNDS + 1):
+        started = time.perf_counter()
+        rows = program if model is None else with_turns(program, model.matrices, turns.turns)
+        effort.build_seconds += time.perf_counter() - started
+        outcome = solve_rows(
+            rows, start, together=together, doubtful=turns.doubtful, options=options, effort=effort
+        )
+        if model is None:
+            return outcome, rounds
+        started = time.perf_counter()
+        usable = np.array([status.is_solved for status in outcome.status])
+        start = np.where(np.isfinite(outcome.unknowns), outcome.unknowns, starting_point(program, None))
+        tighter = more_turns(model, turns, start, usable)
+        effort.build_seconds += time.perf_counter() - started
+        if tighter is None:
+            return outcome, rounds
+        turns = tighter
+    _LOG.warning("rows were still being added after %d rounds", _MAX_ROUNDS)
+    return replace(outcome, status=(Status.ITERATION_LIMIT,) * len(outcome.status)), rounds
+
+
+def _gentle_start(
+    problem: MuscleForceProblem,
+    start: FloatArray,
+    turns: Turns,
+    *,
+    together: bool,
+    options: SolverOptions,
+    effort: Effort,
+) -> FloatArray:
+    """Give the answer with gentler objectives as a start, if an objective asks for it."""
+    gentler = _gentler(problem)
+    if gentler is None:
+        return start
+    start = _gentle_start(gentler, start, turns, together=together, options=options, effort=effort)
+    started = time.perf_counter()
+    program = describe(gentler)
+    rows = with_turns(program, matrix_models(program), turns.turns) if turns.turns else program
+    effort.build_seconds += time.perf_counter() - started
+    outcome = solve_rows(
+        rows, start, together=together, doubtful=turns.doubtful, options=options, effort=effort
+    )
+    return np.where(np.isfinite(outcome.unknowns), outcome.unknowns, start)
+
+
+def _gentler(problem: MuscleForceProblem) -> MuscleForceProblem | None:
+    """Return the same problem with gentler objectives, or None where no objective asks for it."""
+    terms = [term.gentler() if isinstance(term, FrameObjective) else None for term in problem.objectives]
+    if not any(terms):
+        return None
+    changed = tuple(new or old for new, old in zip(terms, problem.objectives, strict=True))
+    return replace(problem, objectives=changed)
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of what it stands on."""
+    names = ("scso_nlp", "casadi", "numpy", "scipy", "opensim")
+    found = {"python": platform.python_version()}
+    for name in names:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,120 @@
+"""Expressions of one frame, or of two neighbouring frames, and their numbers in all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from scso_nlp.transcription.layout import as_columns
+from scso_nlp.validation import FloatArray, IntArray
+
+#: Who owns given numbers, and what they are called.
+Key = tuple[str, str]
+
+#: Frames evaluated together; more would leave the processor's cache.
+_FRAMES_AT_ONCE = 128
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """An expression of one frame, or of two neighbours, with the symbols it needs.
+
+    ``unknowns`` are one or two columns; ``data`` are (offset, key) pairs, offset 0 for the earlier and
+    1 for the later frame (always 0 for one-frame pieces).
+    """
+
+    expression: ca.SX
+    unknowns: tuple[ca.SX, ...]
+    data: tuple[tuple[int, Key], ...]
+    symbols: tuple[ca.SX, ...]
+
+    @property
+    def is_pair(self) -> bool:
+        """True if the piece looks at two neighbouring frames."""
+        return len(self.unknowns) == 2
+
+    @property
+    def all_unknowns(self) -> ca.SX:
+        """Unknowns of one frame, or of both."""
+        return ca.vertcat(*self.unknowns)
+
+    def function(self, *outputs: ca.SX) -> ca.Function:
+        """Make a function of the unknowns and the data, with the expression or other outputs."""
+        return ca.Function("piece", [*self.unknowns, *self.symbols], list(outputs) or [self.expression])
+
+    def slope(self) -> ca.Function:
+        """Make a function with the gradient of a scalar expression by all its unknowns."""
+        return self.function(ca.densify(ca.gradient(self.expression, self.all_unknowns)))
+
+    def values(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
+        """Evaluate the expression for all frames (or pairs), shape (n_frames, n_rows)."""
+        return evaluate(self, self.function(), unknowns, arrays)[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Derivatives:
+    """Values and non-zero derivatives of a piece as one function, made once and evaluated at many points."""
+
+    piece: Piece
+    values: ca.SX
+    function: ca.Function
+    row: IntArray
+    column: IntArray
+
+    def at(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Values (n_frames, n_rows) and entries of the derivatives (n_frames, n_entries)."""
+        value, entries = evaluate(self.piece, self.function, unknowns, arrays)
+        return value, entries
+
+
+def first_order(piece: Piece) -> Derivatives:
+    """Value, and entries of the Jacobian by all unknowns."""
+    return _derivatives(piece, piece.expression, ca.jacobian(piece.expression, piece.all_unknowns))
+
+
+def second_order(piece: Piece, x: ca.SX | None = None) -> Derivatives:
+    """Gradient, and entries of the Hessian, by the only unknowns of a piece or by those given."""
+    second, first = ca.hessian(piece.expression, piece.unknowns[0] if x is None else x)
+    return _derivatives(piece, first, second)
+
+
+def _derivatives(piece: Piece, value: ca.SX, matrix: ca.SX) -> Derivatives:
+    row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
+    entries = ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+    function = piece.function(ca.densify(value), entries)
+    return Derivatives(piece=piece, values=value, function=function, row=row, column=column)
+
+
+def curved(expression: ca.SX, unknowns: ca.SX) -> list[bool]:
+    """Tell which rows of a column are not affine in the unknowns."""
+    return list(ca.which_depends(expression, unknowns, 2, True))
+
+
+def evaluate(
+    piece: Piece,
+    function: ca.Function,
+    unknowns: FloatArray,
+    arrays: Mapping[Key, FloatArray],
+) -> list[FloatArray]:
+    """Evaluate a function of a piece for all frames (or pairs) at scaled unknowns (n_frames, size).
+
+    Returns
+    -------
+    list of ndarray, shape (n_frames or n_frames - 1, n_output_nonzeros)
+    """
+    n = len(unknowns) - piece.is_pair
+    if n == 0:
+        return [np.zeros((0, function.nnz_out(i))) for i in range(function.n_out())]
+    parts: list[list[FloatArray]] = []
+    for start in range(0, n, _FRAMES_AT_ONCE):
+        size = min(_FRAMES_AT_ONCE, n - start)
+        columns = [ca.DM(unknowns[start + i : start + i + size].T) for i in range(len(piece.unknowns))]
+        for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
+            numbers = ca.DM(as_columns(arrays[key][start + offset : start + offset + size]))
+            columns.append(ca.reshape(numbers, symbol.size1(), symbol.size2() * size))
+        outputs = function.map(size)(*columns)
+        parts.append([out.full().T for out in (outputs if isinstance(outputs, tuple) else (outputs,))])
+    return [np.concatenate(outputs) for outputs in zip(*parts, strict=True)]
