@@ -83,14 +83,16 @@ def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
-def _table_or(otherwise: Callable[[str], Any]) -> Callable[[str], Any]:
-    def read(text: str) -> Any:
-        if "=" not in text:
-            return otherwise(text)
-        pairs = [part.rsplit("=", 1) for part in text.split(",")]
-        return {name.strip(): float(value) for name, value in pairs}
+def _table_or_text(text: str) -> dict[str, float] | str:
+    if "=" not in text:
+        return text
+    pairs = [part.rsplit("=", 1) for part in text.split(",")]
+    return {name.strip(): float(value) for name, value in pairs}
 
-    return read
+
+def _table_or_number(text: str) -> dict[str, float] | float:
+    read = _table_or_text(text)
+    return float(read) if isinstance(read, str) else read
 
 
 def _one_of(*names: str) -> Kind:
@@ -110,14 +112,14 @@ PATHS = Kind(
 )  # fmt: skip
 NAMES = Kind(list[str], "a list of names in quotes", "NAME,...", _list)
 NUMBER_OR_TABLE = Kind(
-    float | dict[str, float], f"a number, or {_TABLE}", "NUMBER|NAME=NUMBER,...", _table_or(float)
+    float | dict[str, float], f"a number, or {_TABLE}", "NUMBER|NAME=NUMBER,...", _table_or_number
 )
 TABLE_OR_PATH = Kind(
-    dict[str, float] | str, f"{_TABLE}, or a path in quotes", "PATH|NAME=NUMBER,...", _table_or(str),
+    dict[str, float] | str, f"{_TABLE}, or a path in quotes", "PATH|NAME=NUMBER,...", _table_or_text,
     accepts=lambda value: isinstance(value, dict) or value.strip(), is_path=True,
 )  # fmt: skip
 WEIGHTS = Kind(
-    dict[str, float] | str, f"'volume' or 'pcsa', or {_TABLE}", "volume|pcsa|NAME=NUMBER,...", _table_or(str),
+    dict[str, float] | str, f"'volume' or 'pcsa', or {_TABLE}", "volume|pcsa|NAME=NUMBER,...", _table_or_text,
     accepts=lambda value: isinstance(value, dict) or value in ("volume", "pcsa"),
 )  # fmt: skip
 
@@ -314,13 +316,7 @@ SETTINGS = {setting.name: setting for setting in (
 
 
 def template() -> str:
-    """Write a TOML file with every setting and its help; optional ones are commented out.
-
-    Returns
-    -------
-    str
-        :func:`~scso_nlp.settings.read_settings` accepts it once the path of the setup file is filled in.
-    """
+    """Write a TOML file with every setting; it can be read once the path of the setup file is filled in."""
     lines = [
         "# Settings of scso; `scso run` takes this file. Paths are relative to its folder.",
         "# Lines that start with # are optional settings with an example value.",

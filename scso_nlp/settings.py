@@ -228,8 +228,8 @@ def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any])
     # a file may keep settings of the method that it, or an option, replaces
     is_chosen_anew = "stability" in changed or (method == "off" and "stability" in given)
     said = changed if is_chosen_anew else {**given, **changed}
-    all_of_it = set().union(*map(_with_effect, STABILITY_METHODS))
-    idle = [name for name in SETTINGS if name in said and name in all_of_it - _with_effect(method)]
+    without_effect = set().union(*map(_with_effect, STABILITY_METHODS)) - _with_effect(method)
+    idle = [name for name in SETTINGS if name in said and name in without_effect]
     if idle:
         fitting = " or ".join(repr(known) for known in STABILITY_METHODS if set(idle) <= _with_effect(known))
         state = "off" if method == "off" else repr(method)
@@ -237,23 +237,23 @@ def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any])
 
 
 def _run_settings(given: Mapping[str, Any], source: Path, output: OutputSettings) -> RunSettings:
-    motion = _fields("motion", given)
+    changes = _fields("motion", given)
     setup: AnalyzeSetup | None = None
     own: dict[str, Any] = {}
     if "setup" in given:
         setup = read_analyze_setup(given["setup"])
         own = {"analysis_name": setup.analysis_name, "exponent": setup.activation_exponent}
-    elif "model" not in motion or not motion.keys() & {"coordinates", "states"}:
+    elif "model" not in changes or not changes.keys() & {"coordinates", "states"}:
         raise DataError(f"{source} names no motion, expected setup, or model and coordinates")
     own |= {name: value for name, value in _fields("run", given).items() if name not in _MODEL_SETTINGS}
+    own["motion"] = with_changes(setup.motion if setup else None, changes)
     own["stability"] = _stability(given)
     return RunSettings(
         **own,
-        motion=with_changes(setup.motion if setup else None, motion),
         muscle_model=_muscle_model(given, setup),
         options=SolverOptions(**_fields("options", given)),
         sources=tuple(dict.fromkeys((source, *([given["setup"]] if setup else [])))),
-        notes=_departures(setup, given, output) if setup else (),
+        notes=_departures(setup, given, output.folder_for(own["motion"].name)) if setup else (),
     )
 
 
@@ -269,11 +269,11 @@ def _muscle_model(given: Mapping[str, Any], setup: AnalyzeSetup | None) -> str:
     return str(model)
 
 
-def _departures(setup: AnalyzeSetup, given: Mapping[str, Any], output: OutputSettings) -> tuple[str, ...]:
+def _departures(setup: AnalyzeSetup, given: Mapping[str, Any], folder: Path) -> tuple[str, ...]:
     """Name what a setup says about OpenSim's result files and is done otherwise here; it is logged too."""
     notes = []
     theirs, digits = setup.results_directory, setup.output_precision
-    if theirs not in (None, output.folder_for(setup.name).absolute()) and "output" not in given:
+    if theirs not in (None, folder.absolute()) and "output" not in given:
         notes.append(f"the setup's results_directory {theirs} is not used: OpenSim's own results there stay")
     if digits != DEFAULT_OUTPUT_PRECISION:
         notes.append(f"the setup's output_precision {digits} is not used: results have all digits")
@@ -324,8 +324,8 @@ def _passive_table(path: Path) -> dict[str, float]:
 
 def _lumbar_joint(table: dict[str, Any]) -> LumbarJoint:
     levels = of_type(table.pop("levels", None), int)
-    rows = {direction: [rows] if isinstance(rows, str) else rows for direction, rows in table.items()}
-    return LumbarJoint(levels=levels, rows={row: direction for direction in rows for row in rows[direction]})
+    by_direction = {way: [rows] if isinstance(rows, str) else rows for way, rows in table.items()}
+    return LumbarJoint(levels=levels, rows={row: way for way, rows in by_direction.items() for row in rows})
 
 
 def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> dict[str, Any]:

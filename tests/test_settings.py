@@ -115,9 +115,8 @@ def method_for(name):
     return "potvin-brown" if name in ("joints", "axes", "moving_paths") else "full"
 
 
-def run_options():
-    """Give the parameters of ``scso run`` by name."""
-    return {parameter.name: parameter for parameter in get_command(app).commands["run"].params}
+RUN = get_command(app).commands["run"]
+OPTIONS = {parameter.name: parameter for parameter in RUN.params}
 
 
 def toml_file(folder, lines):
@@ -146,6 +145,12 @@ def test_every_setting_arrives_from_a_file_and_from_the_command_line(name, tmp_p
     by_option = read_settings(toml_file(tmp_path, lines), {name: words})
     by_file = read_settings(toml_file(tmp_path, lines | {name: text}))
     assert by_option == by_file
+    sides = SETTINGS[name].spelling.split("/")
+    typed = [sides[not words]] if isinstance(words, bool) else [sides[0], words]
+    options = RUN.make_context("run", ["scso.toml", *typed]).params
+    assert {key: value for key, value in options.items() if value is not None and key in SETTINGS} == {
+        name: words
+    }
     assert record(*by_file)[name] == from_folder(tmp_path, value)
     assert record(*plain)[name] != record(*by_file)[name] or name == "setup"
 
@@ -153,7 +158,7 @@ def test_every_setting_arrives_from_a_file_and_from_the_command_line(name, tmp_p
 @pytest.mark.parametrize("name", SETTINGS)
 def test_every_setting_is_an_option_a_line_of_the_template_and_an_entry_of_the_reference(name):
     setting = SETTINGS[name]
-    option = run_options()[name]
+    option = OPTIONS[name]
     assert [*option.opts, *option.secondary_opts] == setting.spelling.split("/")
     assert option.help == setting.description
     assert option.default is None
@@ -169,7 +174,7 @@ def test_every_setting_is_an_option_a_line_of_the_template_and_an_entry_of_the_r
 def test_there_is_no_option_template_line_record_or_entry_without_a_setting():
     settings, output = read_settings(SPINE / "setup.xml")
     lines = [line.removeprefix("# ").split(" = ")[0] for line in template().splitlines() if " = " in line]
-    assert [name for name in run_options() if name not in ("source", "verbose", "help")] == list(SETTINGS)
+    assert [name for name in OPTIONS if name not in ("source", "verbose", "help")] == list(SETTINGS)
     assert [name for name in lines if name.isidentifier()] == list(SETTINGS)
     assert list(record(settings, output)) == list(SETTINGS)
     assert re.findall(r"\n### `(\w+)`\n", reference()) == list(SETTINGS)
@@ -453,6 +458,7 @@ def test_what_a_setup_says_about_result_files_and_is_done_otherwise_is_noted_and
     assert [record.message for record in caplog.records] == [f"{setup}: {note}" for note in settings.notes]
     # an option is the user's own word
     assert read_settings(setup, {"output": tmp_path / "mine"})[0].notes == (precision,)
+    assert read_settings(setup, {"name": "other"})[0].notes == (directory, precision)
     ours = text.replace(">results<", f">{Path('scso_results/spine_load_height').absolute()}<")
     setup.write_text(ours.replace(">16<", ">8<"))
     assert read_settings(setup)[0].notes == ()

@@ -71,12 +71,9 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
     for shortfall in solution.shortfalls[1:5]:
         typer.echo(f"  {shortfall}", err=True)
-    seconds = {
-        **result.record.seconds,
-        "solve": solution.report.build_seconds + solution.report.solve_seconds,
-    }
+    report = solution.report
+    seconds = {**result.record.seconds, "solve": report.build_seconds + report.solve_seconds}
     typer.echo("  " + ", ".join(f"{what} {value:.2f} s" for what, value in seconds.items()))
-    kind = (
-        "results" if any("_activation" in path.name for path in files) else "status and report, no results,"
-    )
+    has_results = any("_activation" in path.name for path in files)
+    kind = "results" if has_results else "status and report, no results,"
     typer.echo(f"  {kind} in {files[-1].parent}")
