@@ -10,16 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
+from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
-from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
 from scso_nlp.objectives import ActivationEffort
 from scso_nlp.opensim.engine import input_hashes, load_motion
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.results import RunRecord, write_solution
-from scso_nlp.settings import OutputSettings, RunSettings
+from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
-from scso_nlp.solve import solve_framewise, solve_trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +53,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     ----------
     settings : RunSettings
     output : OutputSettings, optional
-        Only `processes` and `cache` matter here.
+        `processes` and `cache` matter here; the rest is for the record.
 
     Returns
     -------
@@ -74,28 +73,19 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     motion = _load(settings, output)
     seconds = {"extraction": time.perf_counter() - started}
     problem = describe(settings, motion)
-    solve = solve_framewise if settings.solver == "framewise" else solve_trajectory
+    solve = functools.partial(SOLVERS[settings.solver].thing, options=settings.options, on_failure="return")
     baseline = None
     if settings.stability is not None:
-        plain = problem.without_stability()
-        baseline = solve(plain, options=settings.options, on_failure="return")
+        baseline = solve(problem.without_stability())
         seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
-    solution = solve(problem, options=settings.options, on_failure="return")
-    record = RunRecord(
+    solution = solve(problem)
+    facts = RunRecord(
         inputs={**_hashes(settings.sources), **input_hashes(settings.motion)},
-        settings={
-            "motion": vars(settings.motion),
-            "exponent": settings.exponent,
-            "weights": settings.weights,
-            "muscle_physiology": settings.muscle_physiology,
-            "muscle_model": settings.muscle_model,
-            "stability": None if settings.stability is None else vars(settings.stability),
-            "solver": settings.solver,
-        },
+        settings=record(settings, output),
         seconds=seconds,
-        notes=() if settings.stability is None else settings.stability.notes(motion),
+        notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
     )
-    return RunResult(settings=settings, solution=solution, baseline=baseline, record=record)
+    return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
 
 
 def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
@@ -110,15 +100,8 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
-    models: dict[str, MuscleModel] = {
-        "opensim-rigid": RigidTendon(),
-        "physical-rigid": RigidTendon(convention="physical"),
-        "compliant": CompliantTendon(),
-        "none": NoPhysiology(),
-    }
-    problem = static_optimization(
-        motion, muscle_model=models[settings.muscle_model], exponent=settings.exponent
-    )
+    model = MUSCLE_MODELS[settings.muscle_model].make()
+    problem = static_optimization(motion, muscle_model=model, exponent=settings.exponent)
     if settings.weights is not None:
         effort = ActivationEffort(exponent=settings.exponent, weights=settings.weights)
         problem = replace(problem, objectives=(effort,))
@@ -146,10 +129,9 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         Files that cannot be written.
     """
     output = output or OutputSettings()
-    folder = output.folder or Path("scso_results") / result.solution.problem.motion.name
     return write_solution(
         result.solution,
-        folder,
+        output.folder_for(result.solution.problem.motion.name),
         analysis_name=result.settings.analysis_name,
         record=result.record,
         keep_failed=output.keep_failed,

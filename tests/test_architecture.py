@@ -54,6 +54,7 @@ LAYERS = (
     "analysis",
     "report",
     "examples",
+    "declared_settings",
     "settings",
     "run",
     "cli",
@@ -78,6 +79,7 @@ WITHOUT_CASADI = (
     "scso_nlp.opensim.setup_xml",
     "scso_nlp.opensim.engine",
     "scso_nlp.examples",
+    "scso_nlp.declared_settings",
 )
 
 

@@ -1,18 +1,38 @@
 """Settings files: every key is read, every mistake is one sentence."""
 
+import contextlib
 import math
+import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
 import pytest
+from typer.main import get_command
 
+from scso_nlp.cli import app
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
+from scso_nlp.declared_settings import (
+    COUNT,
+    FLAG,
+    MUSCLE_MODELS,
+    NUMBER,
+    NUMBER_OR_TABLE,
+    SETTINGS,
+    SOLVERS,
+    STABILITY_METHODS,
+    STIFFNESS_LAWS,
+    reference,
+    template,
+)
 from scso_nlp.examples import example_folder, example_names
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
-from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ShortRangeStiffness
+from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
-from scso_nlp.settings import KEYS, read_settings, template
+from scso_nlp.settings import OutputSettings, RunSettings, read_settings, record
+from scso_nlp.solve import SolverOptions
 
 SPINE = example_folder("spine-load-height")
 
@@ -44,21 +64,169 @@ def test_the_template_is_accepted_once_the_setup_path_is_filled_in(tmp_path):
     assert settings.stability == JointStability(q=5.0, level=0.0)
 
 
-def test_every_line_of_the_template_is_a_known_setting_with_a_readable_example():
-    names = []
-    for line in template().splitlines():
-        content = line.removeprefix("# ")
-        name, equals, _ = content.partition(" = ")
-        if equals and name in KEYS:
-            value = tomllib.loads(content)[name]
-            KEYS[name].read(value)
-            names.append(name)
-    assert names == list(KEYS)
+#: Every setting: words of its option, the same in a file, and what arrives. A new setting needs a line.
+ARRIVES = {
+    "setup": (str(SPINE / "setup.xml"), f"'{SPINE / 'setup.xml'}'", SPINE / "setup.xml"),
+    "model": ("other.osim", '"other.osim"', Path("other.osim")),
+    "coordinates": ("a.mot", '"a.mot"', Path("a.mot")),
+    "states": ("a.sto", '"a.sto"', Path("a.sto")),
+    "speeds": ("v.sto", '"v.sto"', Path("v.sto")),
+    "external_loads": ("loads.xml", '"loads.xml"', Path("loads.xml")),
+    "actuators": ("a.xml,b.xml", '["a.xml", "b.xml"]', (Path("a.xml"), Path("b.xml"))),
+    "replace_force_set": (True, "true", True),
+    "name": ("trunk", '"trunk"', "trunk"),
+    "initial_time": ("1", "1", 1.0),
+    "final_time": ("4.5", "4.5", 4.5),
+    "lowpass_cutoff_frequency": ("6", "6.0", 6.0),
+    "step_interval": ("3", "3", 3),
+    "in_degrees": (False, "false", False),
+    "held_coordinates": ("a, b", '["a", "b"]', ("a", "b")),
+    "keep_coupled_speeds": (False, "false", False),
+    "exponent": ("inf", "inf", math.inf),
+    "muscle_physiology": (True, "true", True),
+    "muscle_model": ("compliant", '"compliant"', "compliant"),
+    "weights": ("ES*=2,RA_*=.5", '{ "ES*" = 2, "RA_*" = 0.5 }', {"ES*": 2.0, "RA_*": 0.5}),
+    "stability": ("full", '"full"', "full"),
+    "q": ("*=5, RA_*=1e1", '{ "*" = 5, "RA_*" = 10.0 }', {"*": 5.0, "RA_*": 10.0}),
+    "level": ("3", "3", 3.0),
+    "joints": ("lumbar_pelvis", '["lumbar_pelvis"]', ("lumbar_pelvis",)),
+    "axes": ("x,z", '["x", "z"]', ("x", "z")),
+    "moving_paths": ("frozen", '"frozen"', "frozen"),
+    "stability_coordinates": ("a", '"a"', ("a",)),
+    "stiffness": ("short-range", '"short-range"', "short-range"),
+    "passive": ("a=5", '{ "a" = 5 }', {"a": 5.0}),
+    "soft": (".5", "0.5", 0.5),
+    "solver": ("framewise", '"framewise"', "framewise"),
+    "tolerance": ("1e-6", "1e-6", 1e-6),
+    "max_iterations": ("50", "50", 50),
+    "frames_per_program": ("7", "7", 7),
+    "output": ("out", '"out"', Path("out")),
+    "keep_failed": (True, "true", True),
+    "figures": (False, "false", False),
+    "processes": ("1", "1", 1),
+    "cache": ("stored", '"stored"', Path("stored")),
+}
 
 
-def test_every_property_of_a_motion_has_a_setting_but_those_the_run_fills_in_itself():
-    filled_in = {"stability_axes", "curvature_coordinates"}
-    assert {item.name for item in fields(MotionInput)} - KEYS.keys() == filled_in
+def method_for(name):
+    """Give a stability method that has a field for the setting."""
+    if not SETTINGS[name].place.startswith("stability."):
+        return "off"
+    return "potvin-brown" if name in ("joints", "axes", "moving_paths") else "full"
+
+
+RUN = get_command(app).commands["run"]
+OPTIONS = {parameter.name: parameter for parameter in RUN.params}
+
+
+def toml_file(folder, lines):
+    """Write a settings file of lines by name."""
+    return settings_file(folder, "\n".join(f"{name} = {text}" for name, text in lines.items()))
+
+
+def from_folder(folder, value):
+    """Put paths into a folder."""
+    if isinstance(value, tuple):
+        return tuple(from_folder(folder, item) for item in value)
+    return folder / value if isinstance(value, Path) else value
+
+
+def test_there_is_a_line_above_for_every_setting():
+    assert list(ARRIVES) == list(SETTINGS)
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_every_setting_arrives_from_a_file_and_from_the_command_line(name, tmp_path, monkeypatch):
+    """And what arrives is what ``report.json`` says."""
+    monkeypatch.chdir(tmp_path)
+    words, text, value = ARRIVES[name]
+    lines = {"setup": f"'{SPINE / 'setup.xml'}'", "stability": f"'{method_for(name)}'"}
+    plain = read_settings(toml_file(tmp_path, lines))
+    by_option = read_settings(toml_file(tmp_path, lines), {name: words})
+    by_file = read_settings(toml_file(tmp_path, lines | {name: text}))
+    assert by_option == by_file
+    sides = SETTINGS[name].spelling.split("/")
+    typed = [sides[not words]] if isinstance(words, bool) else [sides[0], words]
+    options = RUN.make_context("run", ["scso.toml", *typed]).params
+    assert {key: value for key, value in options.items() if value is not None and key in SETTINGS} == {
+        name: words
+    }
+    assert record(*by_file)[name] == from_folder(tmp_path, value)
+    assert record(*plain)[name] != record(*by_file)[name] or name == "setup"
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_every_setting_is_an_option_a_line_of_the_template_and_an_entry_of_the_reference(name):
+    setting = SETTINGS[name]
+    option = OPTIONS[name]
+    assert [*option.opts, *option.secondary_opts] == setting.spelling.split("/")
+    assert option.help == setting.description
+    assert option.default is None
+    line = next(line for line in template().splitlines() if line.removeprefix("# ").startswith(f"{name} = "))
+    read = setting.read(tomllib.loads(line.removeprefix("# "))[name], "the template", Path.cwd())
+    assert read is not None
+    assert line.startswith("# ") is not setting.is_filled_in
+    entry = reference().split(f"\n### `{name}`\n")[1].split("\n#")[0]
+    for word in (setting.help, setting.example, setting.unit, setting.default, *setting.spelling.split("/")):
+        assert word in entry
+
+
+def test_there_is_no_option_template_line_record_or_entry_without_a_setting():
+    settings, output = read_settings(SPINE / "setup.xml")
+    lines = [line.removeprefix("# ").split(" = ")[0] for line in template().splitlines() if " = " in line]
+    assert [name for name in OPTIONS if name not in ("source", "verbose", "help")] == list(SETTINGS)
+    assert [name for name in lines if name.isidentifier()] == list(SETTINGS)
+    assert list(record(settings, output)) == list(SETTINGS)
+    assert re.findall(r"\n### `(\w+)`\n", reference()) == list(SETTINGS)
+
+
+def declared_defaults():
+    """Give the defaults that are values and not words about something else."""
+    found = {}
+    for name, setting in SETTINGS.items():
+        with contextlib.suppress(DataError):
+            if setting.kind in (FLAG, NUMBER, COUNT, NUMBER_OR_TABLE) or "|" in setting.kind.words:
+                value = {"true": True, "false": False}.get(setting.default, setting.default)
+                found[name] = setting.read(value, "default", Path.cwd(), as_option=True)
+    return {name: value for name, value in found.items() if not isinstance(value, Path)}
+
+
+def test_every_default_that_is_a_value_is_the_one_in_effect():
+    defaults = declared_defaults()
+    assert {"stability", "q", "level", "solver", "tolerance", "figures", "moving_paths"} <= defaults.keys()
+    for name, value in defaults.items():
+        method = {} if name == "stability" else {"stability": method_for(name)}
+        settings, output = read_settings(SPINE / "setup.xml", method)
+        assert record(settings, output)[name] == value, name
+
+
+def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in_itself():
+    places = {setting.place for setting in SETTINGS.values()} | {"run.stability", "run.setup"}
+    parts = {
+        "run": RunSettings,
+        "motion": MotionInput,
+        "options": SolverOptions,
+        "output": OutputSettings,
+        "stability": HessianStability,
+    }
+    missing = {
+        f"{part}.{item.name}"
+        for part, values in parts.items()
+        for item in fields(values)
+        if f"{part}.{item.name}" not in places
+    }
+    assert missing <= {
+        *("run.motion", "run.options", "run.analysis_name", "run.sources", "run.notes"),
+        *("motion.stability_axes", "motion.curvature_coordinates"),
+        *("stability.passive_matrix", "stability.model_passive", "stability.label"),
+        "options.ipopt",
+    }
+
+
+@pytest.mark.parametrize("table", [MUSCLE_MODELS, STABILITY_METHODS, STIFFNESS_LAWS, SOLVERS])
+def test_everything_that_settings_call_by_name_is_there(table):
+    for name, named in table.items():
+        assert callable(named.thing), name
 
 
 def test_all_settings_arrive(tmp_path):
@@ -213,7 +381,14 @@ def test_the_settings_of_every_example_are_read(name):
     [
         ("exponnent = 2", NameMismatchError, r"unknown setting 'exponnent' \(closest: exponent\)"),
         ("zzz = 2", NameMismatchError, "unknown setting 'zzz'"),
-        ("exponent = 'two'", DataError, "exponent is 'two', expected a number"),
+        ("exponent = 'two'", DataError, r"exponent is 'two', expected a number \(e.g. exponent = 2.0\)"),
+        ("level = { a = 'low' }", DataError, "level is {'a': 'low'}, expected a number, or a table"),
+        ("passive = { a = nan }", DataError, "passive is {'a': nan}, expected a table"),
+        (
+            "frames_per_program = 0",
+            DataError,
+            "frames_per_program is 0, expected a whole number of at least 1",
+        ),
         ("exponent = nan", DataError, "exponent is nan, expected a number"),
         ("figures = 1", DataError, "figures is 1, expected true or false"),
         ("processes = 0", DataError, "processes is 0, expected a whole number of at least 1"),
@@ -262,3 +437,67 @@ def test_a_file_without_a_motion_says_what_is_missing(tmp_path):
         read_settings(settings_file(tmp_path, "exponent = 2"))
     with pytest.raises(DataError, match=r"missing\.toml cannot be read: No such file"):
         read_settings(tmp_path / "missing.toml")
+
+
+def test_what_a_setup_says_about_result_files_and_is_done_otherwise_is_noted_and_logged_once(
+    tmp_path, caplog
+):
+    text = (SPINE / "setup.xml").read_text()
+    for name in ("spine.osim", "motion.mot", "external_loads.xml", "loads.mot"):
+        (tmp_path / name).write_bytes((SPINE / name).read_bytes())
+    setup = tmp_path / "setup.xml"
+    setup.write_text(text)
+    directory = (
+        f"the setup's results_directory {tmp_path / 'results'} is not used: OpenSim's own results there stay"
+    )
+    precision = "the setup's output_precision 16 is not used: results have all digits"
+    with caplog.at_level("INFO", "scso_nlp"):
+        settings, _ = read_settings(setup)
+    assert settings.notes == (directory, precision)
+    assert [record.message for record in caplog.records] == [f"{setup}: {note}" for note in settings.notes]
+    # an option is the user's own word
+    assert read_settings(setup, {"output": tmp_path / "mine"})[0].notes == (precision,)
+    assert read_settings(setup, {"name": "other"})[0].notes == (directory, precision)
+    ours = text.replace(">results<", f">{Path('scso_results/spine_load_height').absolute()}<")
+    setup.write_text(ours.replace(">16<", ">8<"))
+    assert read_settings(setup)[0].notes == ()
+    setup.write_text(re.sub(r"<(results_directory|output_precision)>.*?</\1>", "", text))
+    assert read_settings(setup)[0].notes == ()
+
+
+def test_a_setup_is_not_taken_twice():
+    with pytest.raises(ProblemError, match="is taken as a setup, but the options name another"):
+        read_settings(SPINE / "setup.xml", {"setup": SPINE / "setup.xml"})
+
+
+def test_settings_made_by_hand_are_recorded_too():
+    """A law or a method of the user's own is called after its class."""
+
+    class Soft(ProportionalStiffness):
+        pass
+
+    motion = read_settings(SPINE / "setup.xml")[0].motion
+    stability = HessianStability(stiffness=Soft(q=2.0), coordinates=("a",), passive_matrix=[[3.0]])
+    settings = RunSettings(motion=motion, stability=stability, options=SolverOptions(tolerance=1e-5))
+    found = record(settings, OutputSettings(figures=False))
+    expected = {
+        "stability": "full",
+        "stiffness": "Soft",
+        "q": 2.0,
+        "stability_coordinates": ("a",),
+        "joints": None,
+    }
+    expected |= {"passive": [[3.0]], "tolerance": 1e-5, "figures": False, "setup": None, "output": None}
+    assert {name: found[name] for name in expected} == expected
+    assert record(RunSettings(motion=motion), OutputSettings())["stability"] == "off"
+
+
+def test_numbers_paths_and_tables_of_any_kind_are_taken_from_python(tmp_path):
+    changes = {
+        "exponent": np.float64(3),
+        "actuators": [Path("a.xml")],
+        "weights": MappingProxyType({"ES*": 2}),
+    }
+    settings, _ = read_settings(SPINE / "setup.xml", changes)
+    assert (settings.exponent, settings.weights) == (3.0, {"ES*": 2.0})
+    assert settings.motion.actuators == (Path.cwd() / "a.xml",)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
@@ -60,6 +59,8 @@ def _title(folder: Path) -> str:
 
 def _table(result: RunResult) -> str:
     """One line per frame: mean activation and least stable row, without and with stability rows."""
+    import numpy as np
+
     solution = result.solution
     runs = [run for run in (result.baseline, solution) if run is not None]
     margins = [run.stability for run in runs]

@@ -8,18 +8,23 @@ from typing import Annotated
 import typer
 
 from scso_nlp.cli.exit_codes import exit_codes
+from scso_nlp.declared_settings import reference, template
+from scso_nlp.exceptions import DataError
 
 
 def init(
     path: Annotated[Path, typer.Argument(help="File to write, or a folder for scso.toml.")] = Path(
         "scso.toml"
     ),
+    show_reference: Annotated[
+        bool, typer.Option("--reference", help="Only print the reference page of all settings, in Markdown.")
+    ] = False,
 ) -> None:
     """Write a settings file with every setting explained. An existing file is left alone."""
     with exit_codes(verbose=False):
-        from scso_nlp.exceptions import DataError
-        from scso_nlp.settings import template
-
+        if show_reference:
+            typer.echo(reference(), nl=False)
+            return
         if path.is_dir():
             path = path / "scso.toml"
         try:

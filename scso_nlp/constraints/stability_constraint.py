@@ -37,10 +37,10 @@ class StabilityConstraint(FrameConstraint):
 
     Attributes
     ----------
-    q : float, sequence of float or mapping of str to float [-]
-        Gain of :class:`ProportionalStiffness`; not used if `stiffness` is given.
+    q : float, sequence of float, mapping of str to float, or None [-]
+        Gain of :class:`ProportionalStiffness`, short for ``stiffness=ProportionalStiffness(q=q)``. None: 5.
     stiffness : StiffnessLaw or None
-        None: ``ProportionalStiffness(q=q)``.
+        Any other law, instead of `q`. None: :class:`ProportionalStiffness`.
     level : float or mapping of str to float [N·m/rad]
         Least stability, the same for all rows or by row name (rows not named get 0).
     passive_stiffness : mapping of str to float, or None [N·m/rad]
@@ -54,12 +54,13 @@ class StabilityConstraint(FrameConstraint):
     Raises
     ------
     ProblemError
-        A level, gain, passive stiffness or price that is not finite or negative where it must not be.
+        A level, gain, passive stiffness or price that is not finite or negative where it must not be; both
+        `q` and `stiffness`.
     NameMismatchError
         Unknown row or muscle.
     """
 
-    q: float | Sequence[float] | Mapping[str, float] = 5.0
+    q: float | Sequence[float] | Mapping[str, float] | None = None
     stiffness: StiffnessLaw | None = None
     level: float | Mapping[str, float] = 0.0
     passive_stiffness: Mapping[str, float] | None = None
@@ -67,7 +68,11 @@ class StabilityConstraint(FrameConstraint):
     label: str = ""
 
     def __post_init__(self) -> None:
-        ProportionalStiffness(q=self.q)
+        if self.q is not None:
+            ProportionalStiffness(q=self.q)
+            if self.stiffness is not None:
+                law = type(self.stiffness).__name__
+                raise ProblemError(f"q has no effect where stiffness is {law}: leave one of them out")
         levels = self.level.values() if isinstance(self.level, Mapping) else [self.level]
         for value in levels:
             if not math.isfinite(value):
@@ -81,7 +86,9 @@ class StabilityConstraint(FrameConstraint):
     @property
     def stiffness_law(self) -> StiffnessLaw:
         """Law in use."""
-        return self.stiffness or ProportionalStiffness(q=self.q)
+        if self.stiffness is not None:
+            return self.stiffness
+        return ProportionalStiffness() if self.q is None else ProportionalStiffness(q=self.q)
 
     @abc.abstractmethod
     def row_names(self, motion: Motion) -> tuple[str, ...]:

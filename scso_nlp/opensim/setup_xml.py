@@ -165,8 +165,8 @@ class AnalyzeSetup:
         Name of the tool; result files start with it.
     analysis_name : str
         Name of the analysis, second part of the result files' names.
-    results_directory : Path
-        Where OpenSim would write, absolute.
+    results_directory : Path or None
+        Where OpenSim would write, absolute; None: not named.
     output_precision : int
         Digits of OpenSim's result files.
     activation_exponent : float
@@ -177,7 +177,7 @@ class AnalyzeSetup:
     motion: MotionInput
     name: str
     analysis_name: str = "StaticOptimization"
-    results_directory: Path = Path("Results")
+    results_directory: Path | None = None
     output_precision: int = DEFAULT_OUTPUT_PRECISION
     activation_exponent: float = 2.0
     use_muscle_physiology: bool = True
@@ -288,7 +288,7 @@ def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
         motion=motion,
         name=name,
         analysis_name=analysis.element.get("name", "").strip() or "StaticOptimization",
-        results_directory=reader.path(results or "."),
+        results_directory=reader.path(results) if results else None,
         output_precision=reader.whole_number("output_precision", DEFAULT_OUTPUT_PRECISION),
         activation_exponent=analysis.number("activation_exponent", 2.0),
         use_muscle_physiology=analysis.flag("use_muscle_physiology", True),

@@ -13,9 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from scso_nlp.cli import app
+from scso_nlp.declared_settings import SETTINGS, reference, template
 from scso_nlp.examples import example_folder, example_names
 from scso_nlp.io import read_storage
-from scso_nlp.settings import template
 
 pytestmark = pytest.mark.opensim
 
@@ -54,7 +54,7 @@ def test_help_comes_fast_and_without_loading_solver_or_figures(tmp_path):
         assert command in done.stdout
     # 0.2 s on an idle machine; the limit leaves room for a busy one
     assert elapsed < 5.0
-    heavy = {"casadi", "scipy", "matplotlib", "opensim"}
+    heavy = {"casadi", "scipy", "matplotlib", "opensim", "numpy", "pydantic"}
     check = f"import sys, scso_nlp.cli; print(sorted({heavy} & set(sys.modules)))"
     loaded = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True).stdout
     assert loaded.strip() == "[]"
@@ -134,6 +134,24 @@ def test_init_leaves_an_existing_file_alone(tmp_path):
     done = scso("init", "mine.toml", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "error: mine.toml exists already, choose another name\n")
     assert (tmp_path / "mine.toml").read_text() == "mine"
+
+
+def test_the_reference_page_is_printed_and_nothing_is_written(tmp_path):
+    done = scso("init", "--reference", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, reference())
+    assert files(tmp_path) == set()
+
+
+def test_every_setting_is_in_the_report(spine):
+    options = ("--stability", "full", "--coordinates", "lumbar_pelvis_flexion", "--frames-per-program", "3")
+    done = scso("run", "setup.xml", *options, "--output", "results", "--no-figures", cwd=spine)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((spine / "results" / "report.json").read_text())
+    assert list(report["settings"]) == list(SETTINGS)
+    told = {name: report["settings"][name] for name in ("stability", "q", "stiffness", "frames_per_program")}
+    assert told == {"stability": "full", "q": 5.0, "stiffness": "proportional", "frames_per_program": 3}
+    assert report["settings"]["output"] == str(spine / "results")
+    assert "the setup's output_precision 16 is not used: results have all digits" in report["notes"]
 
 
 def test_infeasible_frames_give_exit_code_1_and_nothing_that_looks_like_a_result(shared_data, tmp_path):
@@ -217,6 +235,13 @@ def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
         (("setup.xml", "--stability", "potvin-brown", "--level", "lumbar_z=5"), "lumbar_z"),
         (("setup.xml", "--solver", "fast"), "solver is 'fast'"),
         (("setup.xml", "--processes", "0"), "processes is 0"),
+        (("setup.xml", "--exponent", "two"), "exponent is 'two', expected a number (--exponent NUMBER)"),
+        (("setup.xml", "--weights", "ES*=heavy"), "weights is 'ES*=heavy', expected 'volume' or 'pcsa'"),
+        (
+            ("setup.xml", "--stability", "full", "--stiffness", "fiber", "--q", "5"),
+            "q has no effect on fiber",
+        ),
+        (("setup.xml", "--setup", "setup.xml"), "is taken as a setup, but the options name another"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(spine, arguments, message):

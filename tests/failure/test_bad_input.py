@@ -206,6 +206,18 @@ def test_a_stiffness_gain_that_is_no_gain_is_refused(q):
         scso.JointStability(q=q)
 
 
+@pytest.mark.parametrize(
+    "law", [scso.ShortRangeStiffness(), scso.FiberStiffness(), scso.ProportionalStiffness()]
+)
+@pytest.mark.parametrize("constraint", [scso.JointStability, scso.CoordinateStability, scso.HessianStability])
+def test_a_gain_beside_a_stiffness_law_of_ones_own_is_refused(constraint, law):
+    with raises(scso.ProblemError, f"q has no effect where stiffness is {type(law).__name__}"):
+        constraint(q=5.0, stiffness=law)
+    assert constraint(stiffness=law).stiffness_law is law
+    assert constraint().stiffness_law == scso.ProportionalStiffness(q=5.0)
+    assert constraint(q=3.0).stiffness_law == scso.ProportionalStiffness(q=3.0)
+
+
 @pytest.mark.parametrize("level", [math.nan, math.inf, {"elbow_z": math.nan}])
 def test_a_level_that_is_not_finite_is_refused(level):
     with raises(scso.ProblemError, "expected a finite number"):
