@@ -70,7 +70,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     """
     output = output or OutputSettings()
     started = time.perf_counter()
-    motion = _load(settings, output)
+    motion = extract(settings, output)
     seconds = {"extraction": time.perf_counter() - started}
     problem = describe(settings, motion)
     solve = functools.partial(SOLVERS[settings.solver].thing, options=settings.options, on_failure="return")
@@ -86,6 +86,35 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
         notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
     )
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
+
+
+def extract(settings: RunSettings, output: OutputSettings | None = None) -> Motion:
+    """Extract the motion with the derivatives that the stability rows need.
+
+    Parameters
+    ----------
+    settings : RunSettings
+    output : OutputSettings, optional
+        Only `processes` and `cache` matter here.
+
+    Returns
+    -------
+    Motion
+    """
+    output = output or OutputSettings()
+    stability, motion = settings.stability, settings.motion
+    load = functools.partial(load_motion, motion, processes=output.processes, cache=output.cache)
+    if isinstance(stability, CoordinateStability | HessianStability):
+        chosen = "all" if stability.coordinates is None else tuple(stability.coordinates)
+        return load(curvature_coordinates=chosen)
+    if not isinstance(stability, JointStability) or stability.moving_paths == "frozen":
+        return load()
+    joints = stability.joints
+    if joints is None:
+        # the names of the joints, from the first and last frame
+        skeleton = load(step_interval=sys.maxsize).trajectory.skeleton
+        joints = skeleton.joints if skeleton is not None else ()
+    return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 
 def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
@@ -138,23 +167,6 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         baseline=result.baseline,
         figures=output.figures,
     )
-
-
-def _load(settings: RunSettings, output: OutputSettings) -> Motion:
-    """Extract the motion with the derivatives that the stability rows need."""
-    stability, motion = settings.stability, settings.motion
-    load = functools.partial(load_motion, motion, processes=output.processes, cache=output.cache)
-    if isinstance(stability, CoordinateStability | HessianStability):
-        chosen = "all" if stability.coordinates is None else tuple(stability.coordinates)
-        return load(curvature_coordinates=chosen)
-    if not isinstance(stability, JointStability) or stability.moving_paths == "frozen":
-        return load()
-    joints = stability.joints
-    if joints is None:
-        # the names of the joints, from the first and last frame
-        skeleton = load(step_interval=sys.maxsize).trajectory.skeleton
-        joints = skeleton.joints if skeleton is not None else ()
-    return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 
 def _hashes(paths: tuple[Path, ...]) -> dict[str, str]:

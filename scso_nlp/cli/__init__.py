@@ -5,6 +5,7 @@ import typer
 from scso_nlp.cli.compare import compare
 from scso_nlp.cli.example import example
 from scso_nlp.cli.init import init
+from scso_nlp.cli.reach import reach
 from scso_nlp.cli.report import report
 from scso_nlp.cli.run import run
 
@@ -18,5 +19,5 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (run, init, example, compare, report):
+for _command in (run, init, example, compare, report, reach):
     app.command()(_command)

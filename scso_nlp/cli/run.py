@@ -2,51 +2,20 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
-from scso_nlp.declared_settings import FLAG, SETTINGS, Setting
+from scso_nlp.cli.options import Source, Verbose, with_every_setting
 
 if TYPE_CHECKING:
     from scso_nlp.run import RunResult
 
 
-def _option(setting: Setting) -> inspect.Parameter:
-    """Make a parameter of a command, for typer to make an option of."""
-    words = setting.kind.words or None
-    option = typer.Option(None, setting.spelling, metavar=words, help=setting.description)
-    kind = bool | None if setting.kind is FLAG else str | None
-    return inspect.Parameter(setting.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
-
-
-def _with_every_setting(command: Callable[..., None]) -> Any:
-    """Put an option for every setting in place of ``**changes``."""
-    signature = inspect.signature(command, eval_str=True)
-    source, verbose, _ = signature.parameters.values()
-    options = [_option(setting) for setting in SETTINGS.values()]
-    signed: Any = command
-    signed.__signature__ = signature.replace(parameters=[source, *options, verbose])
-    return signed
-
-
-@_with_every_setting
-def run(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SETUP.xml|SETTINGS.toml",
-            help="AnalyzeTool setup file with a StaticOptimization, or a settings file (see scso init).",
-        ),
-    ],
-    *,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is being done.")] = False,
-    **changes: Any,
-) -> None:
+@with_every_setting
+def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     """Find muscle activations and forces of a motion, and write them as OpenSim does.
 
     With a plain setup file the answer is that of OpenSim's own static optimization. Exit code 0: all frames

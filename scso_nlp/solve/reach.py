@@ -79,9 +79,14 @@ class Reach:
         return np.maximum(self.level - self.highest, 0.0)
 
     @property
+    def is_reachable_by_row(self) -> BoolArray:
+        """Tell which frames can reach each row's level, shape (n_frames, n_rows)."""
+        return self.shortfall <= _LEAST_SHORTFALL
+
+    @property
     def is_reachable(self) -> BoolArray:
         """Tell which frames can reach every row's level, each alone; shape (n_frames,)."""
-        return np.asarray((self.shortfall <= _LEAST_SHORTFALL).all(axis=1))
+        return np.asarray(self.is_reachable_by_row.all(axis=1))
 
     def helpers(self, frame: int, row: int) -> tuple[str, ...]:
         """Name the muscles and actuators that would help most if they were stronger, best first."""
