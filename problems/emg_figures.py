@@ -26,24 +26,24 @@ from scso_nlp import (
     solve_framewise,
     write_solution,
 )
-from scso_nlp.analysis.compare import (
+from scso_nlp.emg.comparison import (
     Comparison,
     compare,
     format_number,
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.analysis.comparison_plots import (
+from scso_nlp.emg.signal import read_emg, read_emg_map
+from scso_nlp.exceptions import DataError
+from scso_nlp.figures.comparison import (
     percent_of_motion,
     plot_activity,
     plot_mean_activity,
     plot_stability_contributions,
     stability_contributions,
 )
-from scso_nlp.analysis.emg import read_emg, read_emg_map
-from scso_nlp.analysis.plots import plot_moments, plot_stability
-from scso_nlp.analysis.report import write_report
-from scso_nlp.exceptions import DataError
+from scso_nlp.figures.solution import plot_moments, plot_stability
+from scso_nlp.report.page import write_report
 
 #: Metrics that the Markdown page shows; the CSV file has all.
 SHOWN = ("mean absolute difference", "Pearson r", "mean activity", "activity ratio")

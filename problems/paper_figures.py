@@ -22,18 +22,18 @@ from problems.spine_load_height.problem import make_problem as load_height
 from problems.spine_postures.problem import TASKS as POSTURES
 from problems.spine_postures.problem import make_problem as postures
 from scso_nlp import JointStability, MuscleForceProblem, Solution, solve_framewise
-from scso_nlp.analysis import style
-from scso_nlp.analysis.compare import Comparison, MotionResult, compare, result_of
-from scso_nlp.analysis.comparison_plots import (
+from scso_nlp.emg.comparison import Comparison, MotionResult, compare, result_of
+from scso_nlp.emg.metrics import activity_ratio
+from scso_nlp.emg.signal import EmgMap, MuscleGroup
+from scso_nlp.examples import example_folder
+from scso_nlp.figures import style
+from scso_nlp.figures.comparison import (
     plot_muscle_lines,
     plot_stability_contributions,
     plot_sweep,
     plot_task_bars,
     stability_contributions,
 )
-from scso_nlp.analysis.emg import EmgMap, MuscleGroup
-from scso_nlp.analysis.metrics import activity_ratio
-from scso_nlp.examples import example_folder
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.stability.hessian import hessian_terms
 from scso_nlp.validation import FloatArray

@@ -1,1 +1,1 @@
-"""Numbers, comparisons and figures made from solutions; nothing here solves anything."""
+"""Moment balance, stability margins, and what stability is within reach (which is solved for)."""

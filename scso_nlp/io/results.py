@@ -337,7 +337,7 @@ def _violation(rows: RowResult) -> FloatArray:
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
     # matplotlib takes half a second to import, and only figures need it
-    from scso_nlp.analysis.plots import plot_activations, plot_moments, plot_stability
+    from scso_nlp.figures.solution import plot_activations, plot_moments, plot_stability
 
     drawn = {
         "activations": plot_activations(solution, baseline=baseline),

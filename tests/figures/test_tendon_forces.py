@@ -7,8 +7,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import solution_by_hand
 
-from scso_nlp.analysis.tendon_plots import plot_tendon_forces, tendon_force_difference
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures.tendon_forces import plot_tendon_forces, tendon_force_difference
 
 
 def shifted(solution, by):

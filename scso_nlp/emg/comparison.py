@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scso_nlp.analysis import metrics
-from scso_nlp.analysis.emg import (
+from scso_nlp.emg import metrics
+from scso_nlp.emg.signal import (
     Emg,
     EmgMap,
     MuscleGroup,

@@ -9,11 +9,11 @@ from matplotlib.collections import LineCollection
 from matplotlib.container import BarContainer
 from solution_by_hand import antagonists, solution_by_hand
 
-from scso_nlp.analysis import comparison_plots as plots
-from scso_nlp.analysis import style
-from scso_nlp.analysis.compare import MotionResult, compare
-from scso_nlp.analysis.emg import Emg, EmgMap, MuscleGroup
+from scso_nlp.emg.comparison import MotionResult, compare
+from scso_nlp.emg.signal import Emg, EmgMap, MuscleGroup
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures import comparison as plots
+from scso_nlp.figures import style
 
 TIME = 10 + np.linspace(0.0, 2.0, 41)
 MAP = EmgMap(

@@ -1,7 +1,7 @@
 """How like two series are, how much two opposing groups work against each other, and how sure that is.
 
 Every function takes plain arrays of one motion and gives one number; `bootstrap_interval` puts an interval
-around any of them. Which series belong together is decided in :mod:`scso_nlp.analysis.compare`.
+around any of them. Which series belong together is decided in :mod:`scso_nlp.emg.comparison`.
 
 The activity ratios of the paper (its equations 5 to 9) are not reproduced by number: their print was not at
 hand. What is known are the quantities it reports; the definitions below that are inferred from them say so.

@@ -17,7 +17,7 @@ channels and which muscles of the model form a group::
     numerator = ["rectus abdominis, right"]
     denominator = ["erector spinae, right"]
 
-What the comparison with a solution makes of it is in :mod:`scso_nlp.analysis.compare`.
+What the comparison with a solution makes of it is in :mod:`scso_nlp.emg.comparison`.
 """
 
 from __future__ import annotations

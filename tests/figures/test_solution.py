@@ -11,9 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import antagonists, solution_by_hand
 
 from scso_nlp.analysis.moment_balance import moment_balance
-from scso_nlp.analysis.plots import HorizontalAxis, plot_activations, plot_moments, plot_stability
 from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.figures.solution import HorizontalAxis, plot_activations, plot_moments, plot_stability
 
 
 def lines(panel):

@@ -18,9 +18,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from scso_nlp.analysis.compare import Comparison, ComparisonRow, MotionResult, format_number
-from scso_nlp.analysis.comparison_plots import FEW_FRAMES, plot_activity, plot_mean_activity, plot_task_bars
+from scso_nlp.emg.comparison import Comparison, ComparisonRow, MotionResult, format_number
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures.comparison import FEW_FRAMES, plot_activity, plot_mean_activity, plot_task_bars
 
 #: A figure larger than this as a vector is embedded as pixels instead [bytes].
 LARGEST_VECTOR = 400_000

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from scso_nlp.analysis import style
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures import style
 from scso_nlp.solution import Solution
 from scso_nlp.validation import FloatArray
 

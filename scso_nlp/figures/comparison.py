@@ -1,7 +1,7 @@
 """Figures of a comparison: results beside EMG, bars, sweeps, what stabilizes what, and the muscles in space.
 
 Every function returns a new :class:`matplotlib.figure.Figure` and touches no global state. Figures of one
-solution alone (activations, moments, stability margins) are in :mod:`scso_nlp.analysis.plots`.
+solution alone (activations, moments, stability margins) are in :mod:`scso_nlp.figures.solution`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from scso_nlp.analysis import style
-from scso_nlp.analysis.compare import EMG_LABEL, Comparison
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.emg.comparison import EMG_LABEL, Comparison
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures import style
 from scso_nlp.trajectory import NO_POINT, Skeleton
 from scso_nlp.validation import FloatArray, IntArray, read_only
 

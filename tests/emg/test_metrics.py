@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from scso_nlp.analysis import metrics
-from scso_nlp.analysis.metrics import Role
+from scso_nlp.emg import metrics
+from scso_nlp.emg.metrics import Role
 from scso_nlp.exceptions import DataError
 
 PAIR_METRICS = [

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scso_nlp.analysis.compare import MotionResult, compare
-from scso_nlp.analysis.emg import Emg, EmgMap, MuscleGroup
-from scso_nlp.analysis.report import render_report, write_report
+from scso_nlp.emg.comparison import MotionResult, compare
+from scso_nlp.emg.signal import Emg, EmgMap, MuscleGroup
 from scso_nlp.exceptions import DataError
+from scso_nlp.report.page import render_report, write_report
 
 TIME = np.linspace(0.0, 2.0, 41)
 HOSTILE = '<script>alert("x")</script><img src=x onerror=alert(1)>'

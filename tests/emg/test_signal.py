@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from scso_nlp.analysis.emg import (
+from scso_nlp.emg.signal import (
     Emg,
     EmgMap,
     EnvelopeFilter,

@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from scso_nlp.analysis import style
 from scso_nlp.analysis.moment_balance import moment_balance
 from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.figures import style
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import LONG_AGO, time_text
 from scso_nlp.validation import FloatArray, read_only
