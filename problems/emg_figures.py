@@ -26,14 +26,15 @@ from scso_nlp import (
     solve_framewise,
     write_solution,
 )
-from scso_nlp.emg.comparison import (
+from scso_nlp.emg import (
     Comparison,
     compare,
     format_number,
+    read_emg,
+    read_emg_map,
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.emg.signal import read_emg, read_emg_map
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import (
     percent_of_motion,

@@ -22,9 +22,8 @@ from problems.spine_load_height.problem import make_problem as load_height
 from problems.spine_postures.problem import TASKS as POSTURES
 from problems.spine_postures.problem import make_problem as postures
 from scso_nlp import JointStability, MuscleForceProblem, Solution, solve_framewise
-from scso_nlp.emg.comparison import Comparison, MotionResult, compare, result_of
+from scso_nlp.emg import Comparison, EmgMap, MotionResult, MuscleGroup, compare, result_of
 from scso_nlp.emg.metrics import activity_ratio
-from scso_nlp.emg.signal import EmgMap, MuscleGroup
 from scso_nlp.examples import example_folder
 from scso_nlp.figures import style
 from scso_nlp.figures.comparison import (

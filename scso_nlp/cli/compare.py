@@ -11,7 +11,7 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.exceptions import DataError
 
 if TYPE_CHECKING:
-    from scso_nlp.emg.comparison import Comparison
+    from scso_nlp.emg import Comparison
 
 Results = Annotated[
     list[Path], typer.Argument(metavar="RESULT...", help="Result folders of one motion, written by scso run.")
@@ -53,7 +53,7 @@ def compare(
     all numbers.
     """
     with exit_codes(verbose):
-        from scso_nlp.emg.comparison import format_comparison, write_comparison_csv
+        from scso_nlp.emg import format_comparison, write_comparison_csv
 
         comparison = read_comparison(
             results,
@@ -88,9 +88,8 @@ def read_comparison(
     emg_offset: float,
 ) -> Comparison:
     """Read everything that the options name and compare it; see :func:`compare`."""
-    from scso_nlp.emg.comparison import compare as compare_results
-    from scso_nlp.emg.comparison import read_results
-    from scso_nlp.emg.signal import envelope, normalize_to_peak, read_emg, read_emg_map
+    from scso_nlp.emg import compare as compare_results
+    from scso_nlp.emg import envelope, normalize_to_peak, read_emg, read_emg_map, read_results
 
     groups = None if emg_map is None else read_emg_map(emg_map)
     measured = None if emg is None else read_emg(emg)

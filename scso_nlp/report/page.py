@@ -18,7 +18,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from scso_nlp.emg.comparison import Comparison, ComparisonRow, MotionResult, format_number
+from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
+from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import FEW_FRAMES, plot_activity, plot_mean_activity, plot_task_bars
 

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from solution_by_hand import solution_by_hand
 
-from scso_nlp.emg.comparison import (
-    ALL_GROUPS,
-    EMG_LABEL,
+from scso_nlp.emg import (
+    Emg,
+    EmgMap,
+    GroupPair,
     MotionResult,
+    MuscleGroup,
     compare,
     format_comparison,
     read_result,
@@ -19,7 +21,7 @@ from scso_nlp.emg.comparison import (
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.emg.signal import Emg, EmgMap, GroupPair, MuscleGroup
+from scso_nlp.emg.comparison import ALL_GROUPS, EMG_LABEL
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.io.storage import Storage, write_storage
 

@@ -9,8 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.container import BarContainer
 from solution_by_hand import antagonists, solution_by_hand
 
-from scso_nlp.emg.comparison import MotionResult, compare
-from scso_nlp.emg.signal import Emg, EmgMap, MuscleGroup
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures import comparison as plots
 from scso_nlp.figures import style

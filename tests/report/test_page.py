@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scso_nlp.emg.comparison import MotionResult, compare
-from scso_nlp.emg.signal import Emg, EmgMap, MuscleGroup
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.exceptions import DataError
 from scso_nlp.report.page import render_report, write_report
 

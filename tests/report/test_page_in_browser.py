@@ -11,8 +11,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 import pytest
 
-from scso_nlp.emg.comparison import MotionResult, compare
-from scso_nlp.emg.signal import Emg, EmgMap, MuscleGroup
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.report.page import write_report
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
