@@ -36,14 +36,16 @@ from scso_nlp.emg import (
     write_comparison_csv,
 )
 from scso_nlp.exceptions import DataError
-from scso_nlp.figures.comparison import (
+from scso_nlp.figures import (
+    HorizontalAxis,
     percent_of_motion,
     plot_activity,
     plot_mean_activity,
+    plot_moments,
+    plot_stability,
     plot_stability_contributions,
     stability_contributions,
 )
-from scso_nlp.figures.solution import plot_moments, plot_stability
 from scso_nlp.report.page import write_report
 
 #: Metrics that the Markdown page shows; the CSV file has all.
@@ -186,8 +188,9 @@ def run_study(study: Study, folder: Path) -> Comparison:
         emg_map=None if study.emg_map is None else read_emg_map(study.emg_map),
     )
     write_comparison_csv(comparison, folder / "comparison.csv")
+    per_cent = HorizontalAxis(values=percent_of_motion(comparison.time), label="Motion [%]")
     figures = {
-        "activity": plot_activity(comparison, x=percent_of_motion(comparison.time), x_label="Motion [%]"),
+        "activity": plot_activity(comparison, horizontal=per_cent),
         "mean_activity": plot_mean_activity(comparison),
     }
     captions = {

@@ -114,17 +114,12 @@ def read_comparison(
 
 
 def _write_figures(comparison: Comparison, folder: Path) -> None:
-    from scso_nlp.figures.comparison import (
-        FEW_FRAMES,
-        plot_activity,
-        plot_mean_activity,
-        plot_task_bars,
-    )
+    from scso_nlp.figures import plot_activity, plot_mean_activity, plot_task_bars
+    from scso_nlp.figures.frames import FEW_FRAMES
 
     figures = {"activity": plot_activity(comparison), "mean_activity": plot_mean_activity(comparison)}
     if len(comparison.time) <= FEW_FRAMES:
-        tasks = [f"{time:g}" for time in comparison.time]
-        figures["tasks"] = plot_task_bars(comparison, tasks, x_label="Task, by its time [s]")
+        figures["tasks"] = plot_task_bars(comparison)
     for what, figure in figures.items():
         for kind in ("png", "pdf"):
             figure.savefig(folder / f"comparison_{what}.{kind}")

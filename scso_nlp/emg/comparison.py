@@ -103,6 +103,11 @@ class Comparison:
         """Names of the groups."""
         return tuple(group.name for group in self.groups)
 
+    def emg_of(self, group: int) -> FloatArray | None:
+        """EMG of the group at a position, shape (n_frames,) [-]; None for a group without channels."""
+        measured = None if self.emg is None else self.emg[:, group]
+        return None if measured is None or np.isnan(measured).any() else measured
+
 
 def compare(
     results: Sequence[MotionResult],

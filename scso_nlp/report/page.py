@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
 from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
-from scso_nlp.figures.comparison import FEW_FRAMES, plot_activity, plot_mean_activity, plot_task_bars
+from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
+from scso_nlp.figures.frames import FEW_FRAMES
 
 #: A figure larger than this as a vector is embedded as pixels instead [bytes].
 LARGEST_VECTOR = 400_000
@@ -203,10 +204,7 @@ def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
         )
     }
     if len(comparison.time) <= FEW_FRAMES:
-        tasks = [f"{time:g}" for time in comparison.time]
-        figures["Activation in every task, by its time."] = plot_task_bars(
-            comparison, tasks, x_label="Task, by its time [s]"
-        )
+        figures["Activation in every task, by its time."] = plot_task_bars(comparison)
     else:
         figures["Activation over the motion. Frames that are not solved are left blank."] = plot_activity(
             comparison

@@ -7,7 +7,7 @@ from conic_oracle import hessian_by_hand, hessian_problem
 import scso_nlp as scso
 from scso_nlp.analysis.stability_margin import stability_margin
 from scso_nlp.constraints import HessianStability
-from scso_nlp.figures.solution import plot_stability
+from scso_nlp.figures import plot_stability
 
 
 @pytest.mark.parametrize("soft", [None, 0.01])
