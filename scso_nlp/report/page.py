@@ -57,7 +57,7 @@ def _printable(value: Any) -> Any:
     return value if hasattr(value, "__html__") else re.sub(r"[\x00-\x08\x0b-\x1f\x7f]", "", str(value))
 
 
-_TEMPLATE = jinja2.Environment(
+_TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("scso_nlp.report", "."),
     autoescape=True,
     undefined=jinja2.StrictUndefined,
@@ -111,7 +111,7 @@ def render_report(
     drawn = {**_standard_figures(comparison), **(figures or {})}
     addresses = {caption: _figure_address(figure) for caption, figure in drawn.items()}
     addresses.update(_picture(path) for path in map(Path, pictures))
-    return _TEMPLATE.get_template("page.html").render(
+    return _TEMPLATES.get_template("page.html").render(
         name=comparison.results[0].name,
         extent=_extent(comparison),
         has_emg=comparison.emg is not None,
