@@ -251,7 +251,7 @@ def _summary(study: Study, solutions: Mapping[str, Solution], comparison: Compar
         parts.append(f"## {metric[0].upper()}{metric[1:]}\n\n{table}\n")
     legend = "".join(f"[{i + 1}] {note}  \n" for i, note in enumerate(notes))
     emg = "No EMG: nothing here says which answer is nearer to a person.\n" if study.emg is None else (
-        "In brackets: 95 % intervals by the moving-block bootstrap over the frames of this motion of one "
+        "In brackets: 95 % intervals by the circular block bootstrap over the frames of this motion of one "
         "person.\n"
     )  # fmt: skip
     return (

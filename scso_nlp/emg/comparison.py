@@ -17,6 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from scso_nlp.emg import metrics
+from scso_nlp.emg.bootstrap import bootstrap_interval
 from scso_nlp.emg.map import EmgMap, MuscleGroup
 from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.emg.signal import Emg, normalize_to_mvc, resample, warn_outside_unit_range
@@ -253,7 +254,7 @@ def format_comparison(comparison: Comparison) -> str:
     n_used, n_frames = int(comparison.is_used.sum()), len(comparison.is_used)
     text.append(f"\nFrom {n_used} of {n_frames} frames" + ("." if n_used == n_frames else ", solved by all."))
     if any(not math.isnan(row.low) for row in comparison.rows):
-        text.append("In brackets: 95 % moving-block bootstrap over the frames of this motion.")
+        text.append("In brackets: 95 % circular block bootstrap over the frames of this motion.")
     text.extend(f"[{i + 1}] {note}" for i, note in enumerate(notes))
     return "\n".join(text)
 
@@ -462,7 +463,7 @@ def _row(
     note = ""
     if sampling.n_resamples and len(first) >= LEAST_FRAMES_FOR_INTERVAL:
         try:
-            interval = metrics.bootstrap_interval(
+            interval = bootstrap_interval(
                 function, first, second, n_resamples=sampling.n_resamples, seed=sampling.seed
             )
             low, high = interval.low, interval.high

@@ -192,7 +192,7 @@ def test_the_text_table_has_a_line_per_group_and_explains_what_is_missing():
     assert "n/a [1]" in correlation
     assert "n/a [2]" in correlation
     assert "[1] the predicted series is constant" in text
-    assert "moving-block bootstrap" in text
+    assert "circular block bootstrap" in text
 
 
 def written_folder(tmp_path, failed=False, **report):

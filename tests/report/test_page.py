@@ -89,7 +89,7 @@ def test_tables_have_headers_for_every_row_and_column():
     text = " ".join(page.texts)
     assert "mean absolute difference" in text
     assert "0.050" in text
-    assert "moving-block bootstrap" in text
+    assert "circular block bootstrap" in text
     assert "settings: q" in text
 
 
