@@ -16,7 +16,7 @@ import numpy as np
 
 from problems.back_lifting import problem as back_lifting
 from problems.gait_lower_limb import problem as gait_lower_limb
-from problems.outputs import markdown_table, save_figure
+from problems.outputs import markdown_table
 from problems.walking_3d import problem as walking_3d
 from scso_nlp import (
     HessianStability,
@@ -44,6 +44,7 @@ from scso_nlp.figures import (
     plot_moments,
     plot_stability,
     plot_stability_contributions,
+    save_figure,
     stability_contributions,
 )
 from scso_nlp.report.page import write_report

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from problems.fetch import motion_cache
-from problems.outputs import markdown_table, save_figure, write_table
+from problems.outputs import markdown_table, write_table
 from problems.spine_load_height.problem import TASKS as LOAD_TASKS
 from problems.spine_load_height.problem import make_problem as load_height
 from problems.spine_postures.problem import TASKS as POSTURES
@@ -31,6 +31,7 @@ from scso_nlp.figures import (
     plot_stability_contributions,
     plot_sweep,
     plot_task_bars,
+    save_figure,
     stability_contributions,
 )
 from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid

@@ -114,12 +114,11 @@ def read_comparison(
 
 
 def _write_figures(comparison: Comparison, folder: Path) -> None:
-    from scso_nlp.figures import plot_activity, plot_mean_activity, plot_task_bars
+    from scso_nlp.figures import plot_activity, plot_mean_activity, plot_task_bars, save_figure
     from scso_nlp.figures.frames import FEW_FRAMES
 
     figures = {"activity": plot_activity(comparison), "mean_activity": plot_mean_activity(comparison)}
     if len(comparison.time) <= FEW_FRAMES:
         figures["tasks"] = plot_task_bars(comparison)
     for what, figure in figures.items():
-        for kind in ("png", "pdf"):
-            figure.savefig(folder / f"comparison_{what}.{kind}")
+        save_figure(figure, folder, f"comparison_{what}")
