@@ -9,7 +9,6 @@ hand. What is known are the quantities it reports; the definitions below that ar
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass
 
@@ -25,10 +24,6 @@ CONSTANT_SERIES = 1e-9
 MIN_OVERLAP = 0.5
 #: Steps of time may differ by this share of their median and still count as uniform [-].
 UNIFORM_STEP = 0.05
-#: A generalized force below this asks for no agonist [N·m].
-NEGLIGIBLE_MOMENT = 1.0
-#: A muscle with a smaller moment arm neither helps nor opposes [m].
-NEGLIGIBLE_MOMENT_ARM = 0.001
 
 
 def mean_absolute_difference(predicted: FloatArray, measured: FloatArray) -> float:
@@ -307,65 +302,6 @@ def activity_ratio(numerator: FloatArray, denominator: FloatArray) -> float:
     if total == 0:
         raise DataError("the denominator of the activity ratio is silent throughout")
     return float(numerator.sum() / total)
-
-
-class Role(enum.Enum):
-    """What a muscle does about the moments that are asked for."""
-
-    AGONIST = "agonist"
-    COMPLETE_ANTAGONIST = "complete antagonist"
-    SEMI_ANTAGONIST = "semi-antagonist"
-    NEUTRAL = "neutral"
-
-
-def muscle_roles(
-    moment_arms: FloatArray,
-    generalized_forces: FloatArray,
-    *,
-    negligible_moment: float = NEGLIGIBLE_MOMENT,
-    negligible_moment_arm: float = NEGLIGIBLE_MOMENT_ARM,
-) -> tuple[Role, ...]:
-    r"""Sort muscles into agonists, complete antagonists and semi-antagonists.
-
-    With :math:`s_{im} = \operatorname{sign}(r_{im} M_i)` over the coordinates whose moment and moment arm are
-    not negligible: an agonist has only :math:`s = 1`, a complete antagonist only :math:`s = -1`, a
-    semi-antagonist both, and a neutral muscle none.
-
-    Parameters
-    ----------
-    moment_arms : ndarray, shape (n_coordinates, n_muscles) [m]
-    generalized_forces : ndarray, shape (n_coordinates,) [N·m]
-        What the muscles must produce.
-    negligible_moment : float [N·m]
-    negligible_moment_arm : float [m]
-
-    Returns
-    -------
-    tuple of Role, one per muscle
-
-    Raises
-    ------
-    DataError
-        Wrong shape or not finite.
-
-    Notes
-    -----
-    Inferred from the names that the paper uses and its table of moment-arm signs, where this rule makes the
-    erector spinae agonists, rectus abdominis and external oblique complete antagonists and the internal
-    oblique, which extends one joint and flexes the other, a semi-antagonist.
-    """
-    arms = read_only("moment_arms", moment_arms, (-1, -1), "n_coordinates, n_muscles")
-    forces = read_only("generalized_forces", generalized_forces, (arms.shape[0],), "n_coordinates")
-    matters = (np.abs(forces) > negligible_moment)[:, None] & (np.abs(arms) > negligible_moment_arm)
-    sign = np.where(matters, np.sign(arms * forces[:, None]), 0.0)
-    helps, opposes = np.any(sign > 0, axis=0).tolist(), np.any(sign < 0, axis=0).tolist()
-    kinds = {
-        (True, False): Role.AGONIST,
-        (False, True): Role.COMPLETE_ANTAGONIST,
-        (True, True): Role.SEMI_ANTAGONIST,
-        (False, False): Role.NEUTRAL,
-    }
-    return tuple(kinds[h, o] for h, o in zip(helps, opposes, strict=True))
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float:

@@ -1,7 +1,9 @@
 """Figures of a solution: activations, moment balance, stability.
 
 Every function returns a new :class:`matplotlib.figure.Figure` and touches no global state, so that
-figures can be made without a display and from several threads. Save with ``figure.savefig``.
+figures can be made without a display and from several threads. Tendon forces of several solutions beside
+each other are in :mod:`scso_nlp.figures.tendon_forces`, comparisons with EMG in
+:mod:`scso_nlp.figures.comparison`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ import pytest
 import scipy.stats
 
 from scso_nlp.emg import metrics
-from scso_nlp.emg.metrics import Role
 from scso_nlp.exceptions import DataError
 
 PAIR_METRICS = [
@@ -113,19 +112,6 @@ def test_activity_ratio_is_the_ratio_of_means_not_the_mean_of_ratios():
     assert metrics.activity_ratio(np.array([0.1, 0.1]), np.array([0.001, 0.399])) == pytest.approx(0.5)
     with pytest.raises(DataError, match="silent throughout"):
         metrics.activity_ratio(np.ones(2), np.zeros(2))
-
-
-def test_roles_of_the_spine_follow_the_signs_of_the_papers_table_1():
-    #               ES    RA     EO     IO
-    arms = np.array([[0.05, -0.08, -0.04, 0.01], [0.06, -0.10, -0.04, -0.03]])
-    roles = metrics.muscle_roles(arms, np.array([60.0, 40.0]))
-    assert roles == (Role.AGONIST, Role.COMPLETE_ANTAGONIST, Role.COMPLETE_ANTAGONIST, Role.SEMI_ANTAGONIST)
-    # turning the moment round exchanges agonists and antagonists
-    turned = metrics.muscle_roles(arms, np.array([-60.0, -40.0]))
-    assert turned == (Role.COMPLETE_ANTAGONIST, Role.AGONIST, Role.AGONIST, Role.SEMI_ANTAGONIST)
-    # a moment that nobody asks for decides nothing
-    assert metrics.muscle_roles(arms, np.array([60.0, 0.5]))[3] is Role.AGONIST
-    assert metrics.muscle_roles(arms, np.zeros(2)) == (Role.NEUTRAL,) * 4
 
 
 @pytest.mark.parametrize("metric", PAIR_METRICS)
