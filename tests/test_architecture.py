@@ -36,6 +36,7 @@ WORKER = "scso_nlp.opensim.worker"
 WITHOUT_CASADI = (
     "scso_nlp",
     "scso_nlp.exceptions",
+    "scso_nlp.files",
     "scso_nlp.validation",
     "scso_nlp.trajectory",
     "scso_nlp.muscles",
@@ -45,6 +46,7 @@ WITHOUT_CASADI = (
     "scso_nlp.io",
     "scso_nlp.io.storage",
     "scso_nlp.io.bundle",
+    "scso_nlp.emg",
     "scso_nlp.opensim.setup_xml",
     "scso_nlp.opensim.engine",
     "scso_nlp.examples",

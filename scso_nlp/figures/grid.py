@@ -18,13 +18,13 @@ from scso_nlp.figures.style import RESOLUTION, TEXT, SeriesStyle, panel_title, q
 from scso_nlp.validation import FloatArray
 
 #: Size of one panel [inch].
-_PANEL_WIDTH, _PANEL_HEIGHT = 2.1, 1.4
+_PANEL_WIDTH, _PANEL_HEIGHT = 2.0, 1.3
 #: Gap beside a panel, without and with tick labels of its own [inch].
 _TIGHT_GAP, _WIDE_GAP = 0.2, 0.55
 #: Gap above a panel, and what each line of its title adds to it [inch].
 _ROW_GAP, _TITLE_LINE = 0.15, 0.2
 #: Margins of the figure, and its least width [inch].
-_LEFT, _TOP, _BOTTOM, _LEAST_WIDTH = 0.6, 0.22, 0.95, 5.0
+_LEFT, _RIGHT, _TOP, _BOTTOM, _LEAST_WIDTH = 0.6, 0.08, 0.22, 0.95, 5.0
 #: Width of a character of the legend, and of a line or patch with its gaps [inch].
 _CHARACTER, _HANDLE = 0.056, 0.5
 
@@ -64,11 +64,11 @@ def panel_grid(
     n_rows = max(1, math.ceil(n_panels / n_columns))
     gap = _WIDE_GAP if y_range is None else _TIGHT_GAP
     above = _ROW_GAP + _TITLE_LINE * max((title.count("\n") + 1 for title in titles), default=1)
-    width = max(_LEFT + n_columns * (_PANEL_WIDTH + gap), _LEAST_WIDTH)
+    width = max(_LEFT + n_columns * (_PANEL_WIDTH + gap) + _RIGHT, _LEAST_WIDTH)
     height = _TOP + n_rows * (_PANEL_HEIGHT + above) + _BOTTOM
     figure = Figure(figsize=(width, height), dpi=RESOLUTION)
     figure.subplots_adjust(
-        left=(_LEFT + gap / 2) / width, right=1 - gap / 2 / width,
+        left=(_LEFT + gap / 2) / width, right=1 - (_RIGHT + gap / 2) / width,
         bottom=_BOTTOM / height, top=1 - (_TOP + above) / height,
         wspace=gap / _PANEL_WIDTH, hspace=above / _PANEL_HEIGHT,
     )  # fmt: skip
@@ -88,7 +88,7 @@ def panel_grid(
         if y_range is not None:
             panel.set_ylim(*y_range)
     figure.suptitle(heading, fontsize=TEXT + 2, x=0.12 / width, y=1 - 0.12 / height, ha="left", va="top")
-    middle = (_LEFT + (width - _LEFT) / 2) / width
+    middle = (_LEFT + (width - _LEFT - _RIGHT) / 2) / width
     figure.supxlabel(x_label, fontsize=TEXT + 1, x=middle, y=0.47 / height, va="bottom")
     figure.supylabel(y_label, fontsize=TEXT + 1, x=0.12 / width, ha="left")
     return figure, panels

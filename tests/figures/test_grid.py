@@ -48,3 +48,20 @@ def test_panels_of_one_scale_are_labelled_at_the_edges_of_the_grid_only():
     # few frames have markers, and half a frame of room for them
     assert {panel.get_xlim() for panel in panels} == {(-0.5, 2.5)}
     assert {panel.get_ylim() for panel in panels} == {(0.0, 1.0)}
+
+
+@pytest.mark.parametrize("n_panels", [1, 3, 12])
+@pytest.mark.parametrize("y_range", [None, (0.0, 1.0)])
+def test_nothing_is_cut_off_by_the_edges_of_the_page(n_panels, y_range):
+    # the last tick label stands half outside its panel
+    axis = HorizontalAxis(values=np.linspace(0.0, 100.0, 101), label="Gait cycle [%]")
+    figure, _ = panel_grid(
+        ["muscle\nwith a note"] * n_panels, heading="walk", x_label="x", y_label="y", horizontal=axis,
+        y_range=y_range,
+    )  # fmt: skip
+    box = drawn(figure).get_tightbbox()
+    width, height = figure.get_size_inches()
+    assert box.x0 > 0.05
+    assert box.x1 < width - 0.02
+    assert box.y0 > 0.05
+    assert box.y1 < height - 0.02
