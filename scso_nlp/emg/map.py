@@ -97,13 +97,7 @@ class EmgMap:
         for group in self.groups:
             if not group.muscles:
                 raise DataError(f"{self.source}: group {group.name!r} has no muscles, expected at least one")
-            for channel in group.channels:
-                if channel in owner:
-                    raise DataError(
-                        f"{self.source}: channel {channel!r} is in two groups, {owner[channel]!r} and "
-                        f"{group.name!r}"
-                    )
-                owner[channel] = group.name
+            _claim(owner, "channel", group.channels, group.name, self.source)
         for pair in self.pairs:
             positions(f"group of pair {pair.name!r}", (*pair.numerator, *pair.denominator), names)
             if not pair.numerator or not pair.denominator:
@@ -142,13 +136,7 @@ class EmgMap:
             where = f"in group {group.name!r} of {self.source}"
             chosen = {m for pattern in group.muscles for m in matches(f"muscle {where}", pattern, muscles)}
             names = tuple(muscles[m] for m in sorted(chosen))
-            for muscle in names:
-                if muscle in owner:
-                    raise DataError(
-                        f"{self.source}: muscle {muscle!r} is in two groups, {owner[muscle]!r} and "
-                        f"{group.name!r}"
-                    )
-                owner[muscle] = group.name
+            _claim(owner, "muscle", names, group.name, self.source)
             if channels is not None:
                 positions(f"EMG channel {where}", group.channels, channels)
             groups.append(replace(group, muscles=names))
@@ -201,6 +189,14 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         mvc={channel: float(reference) for channel, reference in mvc.items()},
         source=str(path),
     )
+
+
+def _claim(owner: dict[str, str], kind: str, names: tuple[str, ...], group: str, source: str) -> None:
+    """Note that names belong to a group, unless one belongs to another already."""
+    for name in names:
+        if name in owner:
+            raise DataError(f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}")
+        owner[name] = group
 
 
 def _entries(
