@@ -16,7 +16,7 @@ import numpy as np
 
 from problems.back_lifting import problem as back_lifting
 from problems.gait_lower_limb import problem as gait_lower_limb
-from problems.outputs import markdown_table, save_figure
+from problems.outputs import markdown_table
 from problems.walking_3d import problem as walking_3d
 from scso_nlp import (
     HessianStability,
@@ -26,24 +26,28 @@ from scso_nlp import (
     solve_framewise,
     write_solution,
 )
-from scso_nlp.analysis.compare import (
+from scso_nlp.contributions import row_contributions
+from scso_nlp.emg import (
     Comparison,
     compare,
     format_number,
+    read_emg,
+    read_emg_map,
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.analysis.comparison_plots import (
+from scso_nlp.exceptions import DataError
+from scso_nlp.figures import (
+    HorizontalAxis,
     percent_of_motion,
     plot_activity,
+    plot_contributions,
     plot_mean_activity,
-    plot_stability_contributions,
-    stability_contributions,
+    plot_moments,
+    plot_stability,
+    save_figure,
 )
-from scso_nlp.analysis.emg import read_emg, read_emg_map
-from scso_nlp.analysis.plots import plot_moments, plot_stability
-from scso_nlp.analysis.report import write_report
-from scso_nlp.exceptions import DataError
+from scso_nlp.report.page import write_report
 
 #: Metrics that the Markdown page shows; the CSV file has all.
 SHOWN = ("mean absolute difference", "Pearson r", "mean activity", "activity ratio")
@@ -185,8 +189,9 @@ def run_study(study: Study, folder: Path) -> Comparison:
         emg_map=None if study.emg_map is None else read_emg_map(study.emg_map),
     )
     write_comparison_csv(comparison, folder / "comparison.csv")
+    per_cent = HorizontalAxis(values=percent_of_motion(comparison.time), label="Motion [%]")
     figures = {
-        "activity": plot_activity(comparison, x=percent_of_motion(comparison.time), x_label="Motion [%]"),
+        "activity": plot_activity(comparison, horizontal=per_cent),
         "mean_activity": plot_mean_activity(comparison),
     }
     captions = {
@@ -198,7 +203,7 @@ def run_study(study: Study, folder: Path) -> Comparison:
     figures["moments"] = plot_moments(baseline)
     first = next(s for s in others if any(isinstance(t, JointStability) for t in s.problem.constraints))
     figures["stability"] = plot_stability(first, baseline=baseline)
-    figures["which_muscle_stabilizes"] = plot_stability_contributions(stability_contributions(first))
+    figures["which_muscle_stabilizes"] = plot_contributions(row_contributions(first))
     for name, figure in figures.items():
         save_figure(figure, folder, name)
     more = {caption: figures[name] for caption, name in captions.items()}
@@ -247,7 +252,7 @@ def _summary(study: Study, solutions: Mapping[str, Solution], comparison: Compar
         parts.append(f"## {metric[0].upper()}{metric[1:]}\n\n{table}\n")
     legend = "".join(f"[{i + 1}] {note}  \n" for i, note in enumerate(notes))
     emg = "No EMG: nothing here says which answer is nearer to a person.\n" if study.emg is None else (
-        "In brackets: 95 % intervals by the moving-block bootstrap over the frames of this motion of one "
+        "In brackets: 95 % intervals by the circular block bootstrap over the frames of this motion of one "
         "person.\n"
     )  # fmt: skip
     return (

@@ -6,7 +6,6 @@ that the environment variable ``SCSO_DATA`` names, or from a cache folder, or fr
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import sha256
 
 #: Folder with local copies of the data sets, one folder each.
 LOCAL_COPY = "SCSO_DATA"
@@ -223,7 +223,7 @@ def _local_copy(data: DataSet, folder: Path) -> Path:
             f"{f' and {len(missing) - 4} more' if len(missing) > 4 else ''}; {_by_hand(data)}"
         )
     for file, digest in data.files.items():
-        found = hashlib.sha256((folder / file).read_bytes()).hexdigest()
+        found = sha256(folder / file)
         if found != digest:
             raise DataError(
                 f"{folder / file} is not the file the problem was made for (SHA-256 {found[:12]}…, expected "

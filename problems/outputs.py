@@ -1,4 +1,4 @@
-"""How the comparisons of this folder are written: figures twice, tables as CSV and as Markdown."""
+"""How the tables of this folder are written: as CSV and as Markdown."""
 
 from __future__ import annotations
 
@@ -6,31 +6,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
-#: One format to look at, one for print.
-FIGURE_FORMATS = ("png", "pdf")
-
-
-def save_figure(figure: Figure, folder: Path, name: str) -> str:
-    """Write a figure as PNG and as PDF.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    folder : Path
-        Exists.
-    name : str
-        Without ending.
-
-    Returns
-    -------
-    str
-        Name of the PNG file.
-    """
-    for kind in FIGURE_FORMATS:
-        figure.savefig(folder / f"{name}.{kind}")
-    return f"{name}.png"
+from scso_nlp.files import write_whole
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -42,7 +18,7 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
     header : sequence of str
     rows : iterable of sequences
     """
-    with open(path, "w", encoding="utf-8", newline="") as file:
+    with write_whole(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)

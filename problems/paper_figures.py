@@ -16,24 +16,26 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from problems.fetch import motion_cache
-from problems.outputs import markdown_table, save_figure, write_table
+from problems.outputs import markdown_table, write_table
 from problems.spine_load_height.problem import TASKS as LOAD_TASKS
 from problems.spine_load_height.problem import make_problem as load_height
 from problems.spine_postures.problem import TASKS as POSTURES
 from problems.spine_postures.problem import make_problem as postures
 from scso_nlp import JointStability, MuscleForceProblem, Solution, solve_framewise
-from scso_nlp.analysis import style
-from scso_nlp.analysis.compare import Comparison, MotionResult, compare, result_of
-from scso_nlp.analysis.comparison_plots import (
+from scso_nlp.contributions import row_contributions
+from scso_nlp.emg import Comparison, EmgMap, MotionResult, MuscleGroup, compare, result_of
+from scso_nlp.emg.metrics import activity_ratio
+from scso_nlp.examples import example_folder
+from scso_nlp.figures import (
+    HorizontalAxis,
+    plot_contributions,
     plot_muscle_lines,
-    plot_stability_contributions,
     plot_sweep,
     plot_task_bars,
-    stability_contributions,
+    save_figure,
 )
-from scso_nlp.analysis.emg import EmgMap, MuscleGroup
-from scso_nlp.analysis.metrics import activity_ratio
-from scso_nlp.examples import example_folder
+from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
+from scso_nlp.figures.style import QUIET, TEXT, series_style
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.stability.hessian import hessian_terms
 from scso_nlp.validation import FloatArray
@@ -353,9 +355,7 @@ def write_paper_figures(folder: Path) -> None:
         "sweep_simulation_1": _sweep_figure(bent, sweeps[bent.name]),
         "sweep_simulation_2": _sweep_figure(lifted, sweeps[lifted.name]),
         "muscle_lines": _lines(lifted),
-        "which_muscle_stabilizes": plot_stability_contributions(
-            stability_contributions(lifted.solutions["SCSO q = 5"])
-        ),
+        "which_muscle_stabilizes": plot_contributions(row_contributions(lifted.solutions["SCSO q = 5"])),
     }
     for name, figure in figures.items():
         save_figure(figure, folder, name)
@@ -412,14 +412,15 @@ def _groups(sides: Sequence[str]) -> EmgMap:
     )
 
 
-def _comparison(simulation: Tasks, frames: slice, sides: Sequence[str]) -> Comparison:
+def _comparison(simulation: Tasks, tasks: str) -> Comparison:
+    frames, sides = _SIDES[tasks]
     results = []
     for method, solution in simulation.solutions.items():
         whole = result_of(solution, method)
         results.append(
             MotionResult(
                 label=method,
-                name=simulation.name,
+                name=f"Simulation 1, {tasks}",
                 time=whole.time[frames],
                 muscles=whole.muscles,
                 activation=whole.activation[frames],
@@ -443,20 +444,19 @@ def task_figure(simulation: Tasks, tasks: str) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    frames, sides = _SIDES[tasks]
+    frames, _ = _SIDES[tasks]
     figure = plot_task_bars(
-        _comparison(simulation, frames, sides),
+        _comparison(simulation, tasks),
         [name.split()[0] for name in simulation.tasks[frames]],
         x_label="Flexion" + ("" if tasks == "symmetric" else ", with 10° of twist to the left"),
     )
-    figure.suptitle(f"Simulation 1, {tasks}", fontsize=style.TEXT + 2, x=0.02, ha="left")
     for panel, group in zip(figure.axes, GROUPS, strict=True):
         if group in ("RA", "EO"):
             implied = PAPER_DIFFERENCE[tasks, group][0] / 100
-            panel.axhline(implied, color=style.QUIET, linewidth=1.2, linestyle=(0, (1, 1)))
+            panel.axhline(implied, color=QUIET, linewidth=1.2, linestyle=(0, (1, 1)))
             panel.annotate(
                 "mean EMG, implied", (0.98, implied), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                textcoords="offset points", ha="right", fontsize=style.TEXT - 1.5, color=style.QUIET,
+                textcoords="offset points", ha="right", fontsize=TEXT - 1.5, color=QUIET,
                 bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.5},
             )  # fmt: skip
     return figure
@@ -475,25 +475,26 @@ def height_figure(simulation: Tasks) -> Figure:
     matplotlib.figure.Figure
     """
     heights = np.array([float(task.split()[0]) for task in simulation.tasks[:5]])
-    figure, panels = style.panel_grid(6, title="Simulation 2: height of a load", share_y=False)
-    for row, mass in enumerate(PAPER_RATIO):
+    titles = ("abdomen [%]", "back [%]", "abdomen / back [-]")
+    figure, panels = panel_grid(
+        [f"{what}, {mass:g} kg" for mass in PAPER_RATIO for what in titles],
+        heading="Simulation 2: height of a load",
+        x_label="Height of the load above the lower joint [m]",
+        y_label="Mean activation",
+        horizontal=HorizontalAxis(values=heights, label=""),
+    )
+    for row in range(len(PAPER_RATIO)):
         frames = slice(5 * row, 5 * row + 5)
         for position, method in enumerate(simulation.solutions):
-            look = style.series_style(position)
             abdomen = np.mean([simulation.group(method, g) for g in ("RA", "EO", "IO")], axis=(0, 2))
             back = simulation.group(method, "ES").mean(axis=1)
             for panel, values in zip(
                 panels[3 * row : 3 * row + 3], (abdomen, back, ratios(simulation, method)), strict=True
             ):
-                panel.plot(
-                    heights, values[frames], look.line, color=look.color, marker="o", markersize=3,
-                    linewidth=1.4, label=method,
-                )  # fmt: skip
-        titles = ("abdomen [%]", "back [%]", "abdomen / back [-]")
-        for panel, what in zip(panels[3 * row : 3 * row + 3], titles, strict=True):
-            panel.set_title(f"{what}, {mass:g} kg", fontsize=style.TEXT, loc="left", pad=3)
-            panel.set_ylim(bottom=0)
-    style.label_figure(figure, panels, "Height of the load above the lower joint [m]", "Mean activation")
+                draw_curve(panel, heights, values[frames], series_style(position), label=method)
+    for panel in panels:
+        panel.set_ylim(bottom=0)
+    add_legend(figure)
     return figure
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
+from scso_nlp.files import sha256
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.objectives import ActivationEffort
@@ -80,7 +80,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
         seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
     solution = solve(problem)
     facts = RunRecord(
-        inputs={**_hashes(settings.sources), **input_hashes(settings.motion)},
+        inputs={**{str(path): sha256(path) for path in settings.sources}, **input_hashes(settings.motion)},
         settings=record(settings, output),
         seconds=seconds,
         notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
@@ -167,7 +167,3 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         baseline=result.baseline,
         figures=output.figures,
     )
-
-
-def _hashes(paths: tuple[Path, ...]) -> dict[str, str]:
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}

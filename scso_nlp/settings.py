@@ -5,7 +5,6 @@ What a setting may be is declared in :mod:`scso_nlp.declared_settings`; here it 
 
 from __future__ import annotations
 
-import difflib
 import logging
 import os
 import tomllib
@@ -36,7 +35,7 @@ from scso_nlp.opensim.setup_xml import (
 )
 from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
-from scso_nlp.validation import unique_names
+from scso_nlp.validation import nearest, unique_names
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -202,9 +201,7 @@ def _checked(
     """Read every value as its setting says."""
     for name in given:
         if name not in SETTINGS:
-            close = difflib.get_close_matches(name, SETTINGS, n=1, cutoff=0.5)
-            hint = f"closest: {close[0]}" if close else f"known: {', '.join(SETTINGS)}"
-            raise NameMismatchError(f"{where}: unknown setting {name!r} ({hint})")
+            raise NameMismatchError(f"{where}: unknown setting {name!r} ({nearest(name, SETTINGS)})")
     return {n: SETTINGS[n].read(v, where, folder, as_option=as_option) for n, v in given.items()}
 
 

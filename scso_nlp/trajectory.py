@@ -6,17 +6,19 @@ bodies, muscle paths and loads from which stability rows are computed. Frames al
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.validation import BoolArray, FloatArray, IntArray, positions, read_only, unique_names
 
 #: Times beyond this need more than six digits to tell frames apart [s].
 LONG_AGO = 1e4
+#: Times of two results may differ by this share of a frame and still be the same frames [-].
+SAME_TIME = 1e-3
 #: Body index of a padding entry in `Skeleton.path_point_bodies`.
 NO_POINT = -1
 
@@ -363,6 +365,58 @@ def time_text(time: float) -> str:
         Without unit. Epoch seconds would all look alike with six digits.
     """
     return f"{time:g}" if abs(time) < LONG_AGO else f"{time:.3f}"
+
+
+class OfMotion(Protocol):
+    """Whatever has muscles and frames: a trajectory, or a result read back from its files."""
+
+    @property
+    def muscles(self) -> tuple[str, ...]:
+        """Names of the muscles."""
+
+    @property
+    def time(self) -> FloatArray:
+        """Times of the frames, shape (n_frames,) [s]."""
+
+
+def require_same_motion(motions: Mapping[str, OfMotion]) -> None:
+    """Check that all have the same muscles at the same times.
+
+    Parameters
+    ----------
+    motions : mapping of str to OfMotion
+        By what messages shall call them; at least one. The first is what the others are held against.
+
+    Raises
+    ------
+    NameMismatchError
+        Other muscles, or the same in another order.
+    DataError
+        Another number of frames, or frames at other times (by more than a thousandth of the shortest step).
+    """
+    (first, expected), *others = motions.items()
+    step = float(np.diff(expected.time).min()) if expected.time.size > 1 else 1.0
+    for label, found in others:
+        if found.muscles != expected.muscles:
+            missing = [name for name in expected.muscles if name not in found.muscles]
+            extra = [name for name in found.muscles if name not in expected.muscles]
+            raise NameMismatchError(
+                f"{label!r} and {first!r} are not of one model: "
+                f"missing muscles {missing[:6] or 'none'}, extra {extra[:6] or 'none'}"
+                + ("" if missing or extra else ", different order")
+            )
+        if found.time.size != expected.time.size:
+            raise DataError(
+                f"{label!r} has {found.time.size} frames and {first!r} has {expected.time.size}: "
+                "expected one motion"
+            )
+        apart = np.flatnonzero(np.abs(found.time - expected.time) > SAME_TIME * step)
+        if len(apart):
+            k = int(apart[0])
+            raise DataError(
+                f"frame {k} of {label!r} is at t = {found.time[k]} s, of {first!r} at "
+                f"{expected.time[k]} s: expected one motion"
+            )
 
 
 #: Fields whose first axis is not the frames.

@@ -1,12 +1,14 @@
 """Checks that turn caller's data into read-only arrays, or say in one sentence why not.
 
-Used by the frozen data classes; nothing here knows about muscles or solvers.
+Arrays by their shape, names by what is there. Used by the frozen data classes; nothing here knows about
+muscles or solvers.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+import fnmatch
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +92,8 @@ def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> Int
     wanted = tuple(wanted)
     missing = [name for name in wanted if name not in table]
     if missing:
-        close = difflib.get_close_matches(missing[0], available, n=3, cutoff=0.5)
-        hint = f"closest: {', '.join(close)}" if close else f"available: {', '.join(list(available)[:12])}"
-        raise NameMismatchError(f"unknown {kind} {', '.join(repr(name) for name in missing)} ({hint})")
+        names = ", ".join(repr(name) for name in missing)
+        raise NameMismatchError(f"unknown {kind} {names} ({nearest(missing[0], available)})")
     return np.array([table[name] for name in wanted], dtype=np.int64)
 
 
@@ -108,3 +109,82 @@ def same_names(kind: str, expected: tuple[str, ...], found: tuple[str, ...]) -> 
             f"missing {missing or 'none'}, extra {extra or 'none'}"
         )
     raise NameMismatchError(f"{kind} of the trajectory and of the parameters are in different order")
+
+
+def nearest(name: str, available: Iterable[str]) -> str:
+    """Hint at what may have been meant by a name that is not there.
+
+    Parameters
+    ----------
+    name : str
+        As it was written, maybe a pattern.
+    available : iterable of str
+
+    Returns
+    -------
+    str
+        ``"closest: ..."`` with up to three names, or ``"available: ..."`` with the first twelve where none is
+        like it.
+    """
+    names = list(available)
+    close = difflib.get_close_matches(name.strip("*?"), names, n=3, cutoff=0.5)
+    return f"closest: {', '.join(close)}" if close else f"available: {', '.join(names[:12])}"
+
+
+def matches(kind: str, pattern: str, available: Sequence[str]) -> IntArray:
+    """Find the names that a name or a pattern stands for.
+
+    Parameters
+    ----------
+    kind : str
+        What the names are of, for the message.
+    pattern : str
+        One of the names, or a pattern with ``*``, ``?`` or ``[...]``, upper and lower case told apart.
+    available : sequence of str
+
+    Returns
+    -------
+    ndarray of int, shape (n_matches,)
+        Their positions, at least one.
+
+    Raises
+    ------
+    NameMismatchError
+        It fits none; the closest ones are suggested.
+    """
+    if pattern in available or not any(sign in pattern for sign in "*?["):
+        return positions(kind, (pattern,), available)
+    found = [i for i, name in enumerate(available) if fnmatch.fnmatchcase(name, pattern)]
+    if not found:
+        raise NameMismatchError(f"pattern {pattern!r} fits no {kind} ({nearest(pattern, available)})")
+    return np.array(found, dtype=np.int64)
+
+
+def by_name(
+    kind: str, values: Mapping[str, float], available: Sequence[str], *, default: float = np.nan
+) -> FloatArray:
+    """Spread values that are given by name or pattern over all names; later entries win.
+
+    Parameters
+    ----------
+    kind : str
+        What the names are of, for the message.
+    values : mapping of str to float [any]
+        Keys as for :func:`matches`.
+    available : sequence of str
+    default : float [any]
+        For names that no key fits.
+
+    Returns
+    -------
+    ndarray, shape (n_available,) [any]
+
+    Raises
+    ------
+    NameMismatchError
+        A key fits none; the closest names are suggested.
+    """
+    spread = np.full(len(available), float(default))
+    for pattern, value in values.items():
+        spread[matches(kind, pattern, available)] = value
+    return spread

@@ -1,9 +1,13 @@
-"""How times are written in messages."""
+"""How times are written in messages, and what is one motion."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.solution import Shortfall
-from scso_nlp.trajectory import time_text
+from scso_nlp.trajectory import require_same_motion, time_text
 
 
 @pytest.mark.parametrize(
@@ -27,3 +31,35 @@ def test_a_failed_frame_of_a_motion_in_epoch_seconds_can_be_found():
         proven=False,
     )  # fmt: skip
     assert str(missed) == "MomentEquilibrium[knee] short by 2 N·m at t = 1667315995.610 s"
+
+
+def motion(muscles=("a", "b"), time=(0.0, 0.1, 0.3)):
+    return SimpleNamespace(muscles=muscles, time=np.array(time))
+
+
+@pytest.mark.parametrize(
+    ("other", "error", "message"),
+    [
+        ({"muscles": ("a", "c")}, NameMismatchError, r"missing muscles \['b'\], extra \['c'\]"),
+        ({"muscles": ("b", "a")}, NameMismatchError, "extra none, different order"),
+        ({"time": (0.0, 0.1)}, DataError, "'other' has 2 frames and 'first' has 3: expected one motion"),
+        (
+            {"time": (0.0, 0.1, 0.3002)},
+            DataError,
+            r"frame 2 of 'other' is at t = 0\.3002 s, of 'first' at 0\.3 s",
+        ),
+    ],
+)
+def test_motions_that_differ_are_told_apart_by_name(other, error, message):
+    # a thousandth of the shortest step, 0.1 s, is rounding
+    same = motion(time=(0.0, 0.10009, 0.3))
+    require_same_motion({"first": motion(), "same": same})
+    with pytest.raises(error, match=message):
+        require_same_motion({"first": motion(), "same": same, "other": motion(**other)})
+
+
+def test_one_motion_alone_and_one_frame_alone_are_fine():
+    require_same_motion({"first": motion()})
+    require_same_motion({"first": motion(time=(5.0,)), "second": motion(time=(5.0005,))})
+    with pytest.raises(DataError, match="frame 0"):
+        require_same_motion({"first": motion(time=(5.0,)), "second": motion(time=(5.1,))})

@@ -11,7 +11,7 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.exceptions import DataError
 
 if TYPE_CHECKING:
-    from scso_nlp.analysis.compare import Comparison
+    from scso_nlp.emg import Comparison
 
 Results = Annotated[
     list[Path], typer.Argument(metavar="RESULT...", help="Result folders of one motion, written by scso run.")
@@ -53,7 +53,7 @@ def compare(
     all numbers.
     """
     with exit_codes(verbose):
-        from scso_nlp.analysis.compare import format_comparison, write_comparison_csv
+        from scso_nlp.emg import format_comparison, write_comparison_csv
 
         comparison = read_comparison(
             results,
@@ -88,9 +88,8 @@ def read_comparison(
     emg_offset: float,
 ) -> Comparison:
     """Read everything that the options name and compare it; see :func:`compare`."""
-    from scso_nlp.analysis.compare import compare as compare_results
-    from scso_nlp.analysis.compare import read_results
-    from scso_nlp.analysis.emg import envelope, normalize_to_peak, read_emg, read_emg_map
+    from scso_nlp.emg import compare as compare_results
+    from scso_nlp.emg import envelope, normalize_to_peak, read_emg, read_emg_map, read_results
 
     groups = None if emg_map is None else read_emg_map(emg_map)
     measured = None if emg is None else read_emg(emg)
@@ -115,17 +114,11 @@ def read_comparison(
 
 
 def _write_figures(comparison: Comparison, folder: Path) -> None:
-    from scso_nlp.analysis.comparison_plots import (
-        FEW_FRAMES,
-        plot_activity,
-        plot_mean_activity,
-        plot_task_bars,
-    )
+    from scso_nlp.figures import plot_activity, plot_mean_activity, plot_task_bars, save_figure
+    from scso_nlp.figures.frames import FEW_FRAMES
 
     figures = {"activity": plot_activity(comparison), "mean_activity": plot_mean_activity(comparison)}
     if len(comparison.time) <= FEW_FRAMES:
-        tasks = [f"{time:g}" for time in comparison.time]
-        figures["tasks"] = plot_task_bars(comparison, tasks, x_label="Task, by its time [s]")
+        figures["tasks"] = plot_task_bars(comparison)
     for what, figure in figures.items():
-        for kind in ("png", "pdf"):
-            figure.savefig(folder / f"comparison_{what}.{kind}")
+        save_figure(figure, folder, f"comparison_{what}")

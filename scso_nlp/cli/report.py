@@ -37,7 +37,7 @@ def report(
 ) -> None:
     """Write one HTML page with settings, statuses, tables and figures; it needs no network to open."""
     with exit_codes(verbose):
-        from scso_nlp.analysis.report import write_report
+        from scso_nlp.report.page import write_report
 
         comparison = read_comparison(
             results,

@@ -20,7 +20,7 @@ from scso_nlp.frame import Frame, MatrixRows, Rows
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, StiffnessLaw
 from scso_nlp.stability.rows import StabilityRows
-from scso_nlp.validation import FloatArray, positions
+from scso_nlp.validation import FloatArray, by_name
 
 #: A meaningful difference of rotational stiffness [N·m/rad].
 STABILITY_SCALE = 10.0
@@ -42,9 +42,9 @@ class StabilityConstraint(FrameConstraint):
     stiffness : StiffnessLaw or None
         Any other law, instead of `q`. None: :class:`ProportionalStiffness`.
     level : float or mapping of str to float [N·m/rad]
-        Least stability, the same for all rows or by row name (rows not named get 0).
+        Least stability, the same for all rows or by row name or pattern (rows not named get 0).
     passive_stiffness : mapping of str to float, or None [N·m/rad]
-        Stiffness that tissue without activation adds to each row named.
+        Stiffness that tissue without activation adds to rows, by name or pattern.
     soft : float or None [objective per N·m/rad]
         If given, a row may miss its level at this price; the amounts are in
         ``solution.variables["<name>.missed"]``.
@@ -99,12 +99,10 @@ class StabilityConstraint(FrameConstraint):
         """Curvature, moment arms and external work of the rows, each taken alone."""
 
     def by_row(self, values: float | Mapping[str, float] | None, names: Sequence[str]) -> FloatArray:
-        """Spread one value, or values by name, over rows; shape (n_rows,)."""
+        """Spread one value, or values by name or pattern, over rows; shape (n_rows,)."""
         if not isinstance(values, Mapping):
             return np.full(len(names), float(values or 0.0))
-        spread = np.zeros(len(names))
-        spread[positions("stability row", values, names)] = list(values.values())
-        return spread
+        return by_name("stability row", values, names, default=0.0)
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give curvature and squared moment arms by row and muscle, and loads by row."""

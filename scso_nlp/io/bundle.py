@@ -7,12 +7,10 @@ classes, so new fields need no change.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import os
 import typing
-import uuid
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -23,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
+from scso_nlp.files import write_whole
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
@@ -89,16 +88,9 @@ def save_bundle(
     }
     text = json.dumps(header, allow_nan=True).encode("utf-8")
     arrays[HEADER] = np.frombuffer(text, dtype=np.uint8)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        with open(temporary, "xb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    # through an open file: given a name, NumPy would add .npz to another ending
+    with write_whole(path) as temporary, open(temporary, "xb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 def load_bundle(path: str | os.PathLike[str]) -> Motion:

@@ -9,12 +9,10 @@ What a column means, e.g. a coordinate, a force or an EMG channel, is for the ca
 from __future__ import annotations
 
 import contextlib
-import difflib
 import logging
 import math
 import os
 import re
-import uuid
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +22,8 @@ from types import MappingProxyType
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
-from scso_nlp.validation import FloatArray, IntArray, read_only
+from scso_nlp.files import write_whole
+from scso_nlp.validation import FloatArray, IntArray, nearest, read_only
 
 logger = logging.getLogger("scso_nlp")
 
@@ -273,11 +272,8 @@ class Storage:
         missing = [label for label, positions in zip(wanted, found, strict=True) if not positions]
         if missing:
             available = [name for name in (*table, *by_coordinate) if name]
-            close = difflib.get_close_matches(missing[0], available, n=3, cutoff=0.5)
-            hint = f"closest: {', '.join(close)}" if close else f"available: {', '.join(available[:12])}"
-            raise NameMismatchError(
-                f"{self._where} has no column {', '.join(repr(label) for label in missing)} ({hint})"
-            )
+            names = ", ".join(repr(label) for label in missing)
+            raise NameMismatchError(f"{self._where} has no column {names} ({nearest(missing[0], available)})")
         for label, positions in zip(wanted, found, strict=True):
             if len(positions) > 1:
                 several = " or ".join(f"{i + 1} ({self.labels[i]})" for i in positions)
@@ -403,16 +399,8 @@ def write_storage(
             for time, row in zip(storage.time.tolist(), rows, strict=True)
         ),
     ]
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        with open(temporary, "xb") as file:
-            file.write("".join(text).encode("utf-8"))
-        os.replace(temporary, path)
-    except OSError as error:
-        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    with write_whole(path) as temporary:
+        temporary.write_bytes("".join(text).encode("utf-8"))
 
 
 def _content(path: Path) -> bytes:

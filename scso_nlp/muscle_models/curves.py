@@ -6,7 +6,6 @@ accept float, DM, SX and MX, elementwise; a parameter may be a number or a colum
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, nearest
 
 #: A number or a CasADi matrix: float, DM, SX or MX. (CasADi has no type stubs.)
 Expression = Any
@@ -108,12 +107,8 @@ def complete_parameters(
         if name in OTHER_PROPERTIES and name not in defaults:
             continue
         if name not in defaults:
-            close = difflib.get_close_matches(name, list(defaults), n=1, cutoff=0.0)
-            raise DataError(
-                f"muscle {muscle!r}: {opensim_class} has no curve parameter {name!r} (closest: {close[0]})"
-                if close
-                else f"muscle {muscle!r}: {opensim_class} has no curve parameter {name!r}"
-            )
+            hint = nearest(name, defaults)
+            raise DataError(f"muscle {muscle!r}: {opensim_class} has no curve parameter {name!r} ({hint})")
         if not np.isfinite(value):
             raise DataError(f"muscle {muscle!r}: {name} is {value}, expected a finite number")
     return {name: float(given.get(name, default)) for name, default in defaults.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
@@ -17,7 +16,7 @@ from scso_nlp.muscle_models.millard2012 import Millard2012Curves
 from scso_nlp.muscle_models.rigid_tendon_muscle import RigidTendonMuscleCurves
 from scso_nlp.muscle_models.thelen2003 import Thelen2003Curves
 from scso_nlp.muscles import MuscleParameters
-from scso_nlp.validation import IntArray
+from scso_nlp.validation import IntArray, nearest
 
 #: Every modelled class by OpenSim's name. One line per class.
 MUSCLE_CLASSES: Mapping[str, HillCurves] = MappingProxyType(
@@ -60,11 +59,8 @@ def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
         The class is not modelled; the nearest one is suggested.
     """
     if opensim_class not in MUSCLE_CLASSES:
-        nearest = difflib.get_close_matches(opensim_class, list(MUSCLE_CLASSES), n=1, cutoff=0.0)[0]
-        raise DataError(
-            f"muscle {muscle!r} is a {opensim_class}, which is not modelled (nearest: {nearest}; "
-            f"modelled: {', '.join(MUSCLE_CLASSES)})"
-        )
+        hint = nearest(opensim_class, MUSCLE_CLASSES)
+        raise DataError(f"muscle {muscle!r} is a {opensim_class}, which is not modelled ({hint})")
     return MUSCLE_CLASSES[opensim_class]
 
 

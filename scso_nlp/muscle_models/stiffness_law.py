@@ -7,7 +7,6 @@ of short-range and fiber stiffness are in :mod:`scso_nlp.muscle_models.stiffness
 from __future__ import annotations
 
 import abc
-import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ from scso_nlp.muscle_models.stiffness import (
     stiffness_along_tendon,
     tendon_stiffness_at_force,
 )
-from scso_nlp.validation import FloatArray, positions
+from scso_nlp.validation import FloatArray, by_name
 
 #: A fiber is taken to be at least this long [optimal fiber lengths], where its path is too short for its
 #: tendon: OpenSim's own least length of fibers without pennation.
@@ -88,12 +87,7 @@ class ProportionalStiffness(StiffnessLaw):
                     f"q has shape {q.shape}, expected a number or ({len(muscles)},) = (n_muscles,)"
                 )
             return np.broadcast_to(q, (len(muscles),)).copy()
-        gains = np.full(len(muscles), np.nan)
-        for pattern, value in self.q.items():
-            hits = [i for i, name in enumerate(muscles) if fnmatch.fnmatchcase(name, pattern)]
-            if not hits and "*" in pattern:
-                raise NameMismatchError(f"q: the pattern {pattern!r} fits no muscle")
-            gains[hits or positions("muscle", [pattern], muscles)] = value
+        gains = by_name("muscle", self.q, muscles)
         if np.isnan(gains).any():
             left = ", ".join(name for name, value in zip(muscles, gains, strict=True) if np.isnan(value))
             raise NameMismatchError(f"q has no entry for {left}; add them, or a first entry '*' for all")

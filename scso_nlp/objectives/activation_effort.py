@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,11 +9,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from scso_nlp.exceptions import NameMismatchError, ProblemError
+from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows, VariableSpec
 from scso_nlp.motion import Motion
 from scso_nlp.objectives.objective import FrameObjective
-from scso_nlp.validation import FloatArray, positions
+from scso_nlp.validation import FloatArray, by_name
 
 #: Exponents above this one are approached from half the exponent: a^p is flat far from the optimum.
 _STEEP_EXPONENT = 4.0
@@ -35,7 +34,8 @@ class ActivationEffort(FrameObjective):
     weights : None, "volume", "pcsa" or mapping of str to float
         Weight of each muscle and actuator, 1 by default. ``"volume"`` and ``"pcsa"`` weigh muscles by
         maximum isometric force × optimal fiber length and by maximum isometric force, divided by the
-        mean of all muscles. A mapping goes from names or patterns with ``*`` to weights; later entries win.
+        mean of all muscles. A mapping goes from names or patterns with ``*``, ``?`` or ``[...]`` to
+        weights; later entries win.
     weight : float
         Weight of the whole term among other objectives.
     label : str
@@ -103,12 +103,7 @@ class ActivationEffort(FrameObjective):
                     raise ProblemError(
                         f"weight of {pattern!r} is {weight:g}, expected a number of at least 0"
                     )
-                hits = [i for i, name in enumerate(names) if fnmatch.fnmatchcase(name, pattern)]
-                if not hits and "*" in pattern:
-                    raise NameMismatchError(
-                        f"weights: the pattern {pattern!r} fits no muscle and no actuator"
-                    )
-                weights[hits or positions("muscle or actuator", [pattern], names)] = weight
+            return by_name("muscle or actuator", self.weights, names, default=1.0)
         return weights
 
     def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:

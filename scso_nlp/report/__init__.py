@@ -1,1 +1,1 @@
-"""What a run leaves behind: result files and pages."""
+"""What a run leaves behind: result files, and a page about them."""

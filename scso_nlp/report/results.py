@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
 import json
 import math
 import os
@@ -24,6 +23,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.files import sha256
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.solution import MatrixResult, RowResult, Solution, StabilityMargin, Status
 from scso_nlp.validation import FloatArray
@@ -75,8 +75,6 @@ _CONTROL_TAIL = """\t\t\t\t</x_nodes>
 \t\t\t\t<kv>20</kv>
 \t\t\t</ControlLinear>
 """
-#: One format to look at, one to print.
-_FIGURE_FORMATS = ("png", "pdf")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +163,7 @@ def write_solution(
             if figures:
                 _write_figures(solution, temporary, baseline)
         _write_status(solution, temporary / f"{name}_status.sto")
-        files = {path.name: _sha256(path) for path in sorted(temporary.iterdir())}
+        files = {path.name: sha256(path) for path in sorted(temporary.iterdir())}
         report = _report(solution, record or RunRecord(), files)
         text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
         (temporary / "report.json").write_text(text + "\n", encoding="utf-8")
@@ -189,7 +187,7 @@ def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
     own, analysis = re.escape(name), re.escape(analysis_name)
     return re.compile(
         rf"{own}_{analysis}_(activation\.sto|force\.sto|controls\.xml)|{own}_(stability|status)\.sto"
-        rf"|{own}_(activations|moments|stability)\.({'|'.join(_FIGURE_FORMATS)})"
+        rf"|{own}_(activations|moments|stability)\.(png|pdf)"
     )
 
 
@@ -333,7 +331,7 @@ def _violation(rows: RowResult | MatrixResult) -> FloatArray:
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
     # matplotlib takes half a second to import, and only figures need it
-    from scso_nlp.analysis.plots import plot_activations, plot_moments, plot_stability
+    from scso_nlp.figures import plot_activations, plot_moments, plot_stability, save_figure
 
     drawn = {
         "activations": plot_activations(solution, baseline=baseline),
@@ -342,8 +340,7 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
     if solution.stability is not None and solution.stability.rows:
         drawn["stability"] = plot_stability(solution, baseline=baseline)
     for what, figure in drawn.items():
-        for kind in _FIGURE_FORMATS:
-            figure.savefig(folder / f"{solution.problem.motion.trajectory.name}_{what}.{kind}")
+        save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
 
 
 def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:
@@ -412,7 +409,3 @@ def _plain(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return str(value)
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

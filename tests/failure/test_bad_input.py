@@ -183,7 +183,7 @@ def test_a_weight_of_a_function_must_be_finite(weight):
 def test_weights_of_unknown_muscles_are_refused_with_the_closest_names():
     for weights, text in (
         ({"m9": 1.0}, "unknown muscle or actuator 'm9' (closest: m"),
-        ({"vas*": 1.0}, "weights: the pattern 'vas*' fits no muscle and no actuator"),
+        ({"vas*": 1.0}, "pattern 'vas*' fits no muscle or actuator (available: m"),
     ):
         with raises(scso.NameMismatchError, text):
             scso.solve_framewise(with_objectives(elbow([60.0]), scso.ActivationEffort(weights=weights)))

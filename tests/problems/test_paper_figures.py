@@ -34,15 +34,43 @@ def test_numbers_stated_for_the_reconstruction_come_out_again(simulations):
     assert module.critical_gain(lifted.problem) == pytest.approx(12.971, abs=6e-4)
 
 
-def test_the_bounds_hold_for_any_emg(simulations, rng):
+def differences(bent, emg):
+    """Difference from EMG of every method by tasks and group, laid out as the paper's table."""
+    found = {}
+    for tasks, group in module.PAPER_DIFFERENCE:
+        frames, sides = module._SIDES[tasks]
+        activations = [bent.group(method, group, sides)[frames] for method in module.METHODS]
+        measured = emg(activations[0])
+        found[tasks, group] = tuple(float(np.abs(a - measured).mean()) for a in activations)
+    return found
+
+
+@pytest.mark.parametrize("level", [5.0, 40.0])
+def test_the_bounds_hold_for_any_emg(simulations, rng, monkeypatch, level):
+    """If the paper's numbers came from our activations and whatever EMG, they would lie within the bounds."""
     bent, _ = simulations
-    plain, stable = (bent.group(method, "ES")[:4] for method in ("SO", "SCSO q = 5"))
-    change = np.abs(stable - plain).mean()
-    for _ in range(100):
-        emg = rng.uniform(0, 40, plain.shape)
-        so, scso = np.abs(plain - emg).mean(), np.abs(stable - emg).mean()
+    for _ in range(20):
+        table = differences(bent, lambda plain: rng.uniform(0, level, plain.shape))
+        monkeypatch.setattr(module, "PAPER_DIFFERENCE", table)
+        rows = module.difference_rows(bent)
+        assert len(rows) == 2 * len(table)
         # the inequality is exact, so only round-off may pass
-        assert abs(so - change) - 1e-12 <= scso <= so + change + 1e-12
+        assert all(row.low - 1e-12 <= row.paper <= row.high + 1e-12 for row in rows)
+        assert all(row.is_possible for row in rows)
+
+
+def test_the_bounds_are_no_wider_than_they_must_be(simulations, monkeypatch):
+    """EMG equal to SO leaves no room; silent EMG reaches the upper bound, EMG above both the lower one."""
+    bent, _ = simulations
+    tables = [differences(bent, emg) for emg in (lambda plain: plain, np.zeros_like, lambda a: 0 * a + 100)]
+    monkeypatch.setattr(module, "PAPER_DIFFERENCE", tables[0])
+    assert all(row.low == row.paper == row.high for row in module.difference_rows(bent))
+    for table, bound in zip(tables[1:], ("high", "low"), strict=True):
+        monkeypatch.setattr(module, "PAPER_DIFFERENCE", table)
+        # silent under SO, so that they can only rise
+        rows = [row for row in module.difference_rows(bent) if row.group in ("RA", "EO")]
+        assert [row.paper for row in rows] == pytest.approx([getattr(row, bound) for row in rows], abs=1e-3)
+        assert max(row.change for row in rows) > 5
 
 
 def test_the_disagreements_are_said(simulations):

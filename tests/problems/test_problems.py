@@ -9,7 +9,7 @@ import pytest
 
 from problems import fetch as fetching
 from scso_nlp import MuscleForceProblem, solve_framewise
-from scso_nlp.analysis.emg import read_emg, read_emg_map
+from scso_nlp.emg import read_emg, read_emg_map
 from scso_nlp.exceptions import NameMismatchError
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"

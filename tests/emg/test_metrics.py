@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from scso_nlp.analysis import metrics
-from scso_nlp.analysis.metrics import Role
+from scso_nlp.emg import metrics
 from scso_nlp.exceptions import DataError
 
 PAIR_METRICS = [
@@ -115,19 +114,6 @@ def test_activity_ratio_is_the_ratio_of_means_not_the_mean_of_ratios():
         metrics.activity_ratio(np.ones(2), np.zeros(2))
 
 
-def test_roles_of_the_spine_follow_the_signs_of_the_papers_table_1():
-    #               ES    RA     EO     IO
-    arms = np.array([[0.05, -0.08, -0.04, 0.01], [0.06, -0.10, -0.04, -0.03]])
-    roles = metrics.muscle_roles(arms, np.array([60.0, 40.0]))
-    assert roles == (Role.AGONIST, Role.COMPLETE_ANTAGONIST, Role.COMPLETE_ANTAGONIST, Role.SEMI_ANTAGONIST)
-    # turning the moment round exchanges agonists and antagonists
-    turned = metrics.muscle_roles(arms, np.array([-60.0, -40.0]))
-    assert turned == (Role.COMPLETE_ANTAGONIST, Role.AGONIST, Role.AGONIST, Role.SEMI_ANTAGONIST)
-    # a moment that nobody asks for decides nothing
-    assert metrics.muscle_roles(arms, np.array([60.0, 0.5]))[3] is Role.AGONIST
-    assert metrics.muscle_roles(arms, np.zeros(2)) == (Role.NEUTRAL,) * 4
-
-
 @pytest.mark.parametrize("metric", PAIR_METRICS)
 @pytest.mark.parametrize(
     ("first", "second", "message"),
@@ -148,81 +134,3 @@ def test_bad_series_are_refused_by_every_metric(metric, first, second, message):
 def test_negative_activity_is_refused(metric):
     with pytest.raises(DataError, match=r"second activity is -0.1 at frame 1"):
         metric(np.ones(2), np.array([0.1, -0.1]))
-
-
-def test_bootstrap_is_repeatable_and_holds_its_value(rng):
-    a, b = rng.random((2, 100))
-    one = metrics.bootstrap_interval(metrics.root_mean_square_error, a, b, seed=3)
-    again = metrics.bootstrap_interval(metrics.root_mean_square_error, a, b, seed=3)
-    other = metrics.bootstrap_interval(metrics.root_mean_square_error, a, b, seed=4)
-    assert one == again
-    assert one.low != other.low
-    assert one.low < one.value < one.high
-    assert one.value == metrics.root_mean_square_error(a, b)
-
-
-def test_bootstrap_of_a_constant_difference_has_no_width(rng):
-    b = rng.random(50)
-    interval = metrics.bootstrap_interval(metrics.mean_absolute_difference, b + 0.25, b)
-    assert interval.low == pytest.approx(0.25, abs=EXACT)
-    assert interval.high == pytest.approx(0.25, abs=EXACT)
-
-
-def test_bootstrap_of_the_mean_has_the_textbook_width_for_independent_frames(rng):
-    # mean of n independent |differences|: half width 1.96 s / sqrt(n); 1,000 resamples leave a few per cent
-    a = rng.random(400)
-    interval = metrics.bootstrap_interval(
-        metrics.mean_absolute_difference, a, np.zeros(400), block_length=1, n_resamples=2000
-    )
-    expected = 2 * 1.96 * a.std() / math.sqrt(400)
-    assert interval.high - interval.low == pytest.approx(expected, rel=0.1)
-
-
-def test_blocks_widen_the_interval_of_a_slow_signal_and_its_coverage_is_about_right(rng):
-    # first-order autoregression, rho = 0.9: the mean's standard error is sqrt((1 + rho)/(1 - rho)) = 4.4
-    # times that of independent frames. Coverage of 95 % intervals from blocks is known to be a little low.
-    rho, n, trials = 0.9, 400, 60
-    hits = {"blocks": 0, "single frames": 0}
-    for _ in range(trials):
-        noise = rng.standard_normal(n + 100)
-        series = np.zeros(n + 100)
-        for k in range(1, n + 100):
-            series[k] = rho * series[k - 1] + noise[k]
-        series = series[100:] + 50.0  # far from zero, so that |difference| is the series
-        for name, block in (("blocks", None), ("single frames", 1)):
-            interval = metrics.bootstrap_interval(
-                metrics.mean_absolute_difference, series, np.zeros(n), block_length=block, n_resamples=200
-            )
-            hits[name] += interval.low <= 50.0 <= interval.high
-    assert hits["blocks"] >= 0.8 * trials
-    assert hits["single frames"] <= 0.6 * trials
-
-
-def test_decorrelation_length_grows_with_the_memory_of_the_signal(rng):
-    fast = rng.standard_normal(1000)
-    slow = np.convolve(rng.standard_normal(1100), np.ones(40), mode="valid")[:1000]
-    assert metrics.decorrelation_length(fast) <= 12
-    assert 40 <= metrics.decorrelation_length(slow) <= 200
-    assert metrics.decorrelation_length(np.ones(27)) == 3
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"block_length": 0}, "block_length is 0, expected 1 to 10"),
-        ({"block_length": 11}, "block_length is 11"),
-        ({"n_resamples": 10}, "n_resamples is 10"),
-        ({"confidence": 1.0}, "confidence is 1.0"),
-    ],
-)
-def test_bootstrap_refuses_options_out_of_range(options, message, rng):
-    a, b = rng.random((2, 20))
-    with pytest.raises(DataError, match=message):
-        metrics.bootstrap_interval(metrics.mean_absolute_difference, a, b, **options)
-
-
-def test_bootstrap_refuses_a_metric_that_is_mostly_undefined():
-    blip = np.zeros(40)
-    blip[7] = 1.0
-    with pytest.raises(DataError, match="not defined in"):
-        metrics.bootstrap_interval(metrics.pearson_correlation, blip, np.arange(40.0), block_length=10)

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from drawn import drawn
 from solution_by_hand import solution_by_hand
 
-from scso_nlp.analysis.tendon_plots import plot_tendon_forces, tendon_force_difference
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures import plot_tendon_forces, tendon_force_difference
 
 
 def shifted(solution, by):
@@ -30,7 +30,7 @@ def test_every_muscle_has_a_panel_with_one_line_per_solution_and_its_difference(
     rigid = solution_by_hand(n_frames=7, failed=(2,))
     strength = rigid.problem.motion.muscles.max_isometric_force
     figure = plot_tendon_forces({"rigid": rigid, "elastic": shifted(rigid, 0.05 * strength)}, title="walk")
-    FigureCanvasAgg(figure).draw()
+    drawn(figure)
     assert len(figure.axes) == len(strength)
     for m, (name, panel) in enumerate(zip(rigid.problem.motion.trajectory.muscles, figure.axes, strict=True)):
         first, second = panel.get_lines()
@@ -38,7 +38,7 @@ def test_every_muscle_has_a_panel_with_one_line_per_solution_and_its_difference(
         assert np.flatnonzero(np.isnan(first.get_ydata())).tolist() == [2]
         solved = rigid.is_solved
         np.testing.assert_allclose(first.get_ydata()[solved], rigid.tendon_force[solved, m])
-        assert panel.get_title(loc="left") == f"{name}  (up to 5.0 % of F0 apart)"
+        assert panel.get_title(loc="left") == f"{name}\nup to 5.0 % of F0 apart"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["rigid", "elastic"]
 
 
@@ -49,7 +49,7 @@ def test_one_solution_alone_has_nothing_to_differ_from():
 
 
 def test_solutions_of_other_motions_are_refused():
-    with pytest.raises(DataError, match="b and a have other muscles or frames"):
+    with pytest.raises(DataError, match="'b' has 6 frames and 'a' has 5: expected one motion"):
         plot_tendon_forces({"a": solution_by_hand(n_frames=5), "b": solution_by_hand(n_frames=6)})
     with pytest.raises(DataError, match="no solution to draw"):
         plot_tendon_forces({})

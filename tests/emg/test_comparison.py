@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from solution_by_hand import solution_by_hand
 
-from scso_nlp.analysis.compare import (
-    ALL_GROUPS,
-    EMG_LABEL,
+from scso_nlp.emg import (
+    Emg,
+    EmgMap,
+    GroupPair,
     MotionResult,
+    MuscleGroup,
     compare,
     format_comparison,
     read_result,
@@ -19,7 +21,7 @@ from scso_nlp.analysis.compare import (
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.analysis.emg import Emg, EmgMap, GroupPair, MuscleGroup
+from scso_nlp.emg.comparison import ALL_GROUPS, EMG_LABEL
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.io.storage import Storage, write_storage
 
@@ -190,7 +192,7 @@ def test_the_text_table_has_a_line_per_group_and_explains_what_is_missing():
     assert "n/a [1]" in correlation
     assert "n/a [2]" in correlation
     assert "[1] the predicted series is constant" in text
-    assert "moving-block bootstrap" in text
+    assert "circular block bootstrap" in text
 
 
 def written_folder(tmp_path, failed=False, **report):

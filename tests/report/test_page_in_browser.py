@@ -11,9 +11,8 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 import pytest
 
-from scso_nlp.analysis.compare import MotionResult, compare
-from scso_nlp.analysis.emg import Emg, EmgMap, MuscleGroup
-from scso_nlp.analysis.report import write_report
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
+from scso_nlp.report.page import write_report
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium or Chrome; none is installed")

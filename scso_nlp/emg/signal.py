@@ -1,43 +1,24 @@
-"""Electromyography: read it, turn it into an envelope, normalise it, and tie its channels to muscles.
+"""EMG as a signal: read it, turn it into an envelope, normalise it, bring it to the frames of a motion.
 
 Raw EMG goes through :func:`envelope` and one of the `normalize_` functions; data that already are an envelope
-as a fraction of the maximum (many public sets) only need :func:`resample`. The map file, in TOML, says which
-channels and which muscles of the model form a group::
-
-    format = 1
-
-    [groups."rectus abdominis, right"]
-    channels = ["rectabd_r"]
-    muscles = ["rect_abd_r"]            # names, or patterns such as "IL_*_r"
-
-    [mvc]                               # only for data that are not normalised: reference value per channel
-    rectabd_r = 0.41
-
-    [pairs."abdomen over back"]         # for ratios and co-contraction
-    numerator = ["rectus abdominis, right"]
-    denominator = ["erector spinae, right"]
-
-What the comparison with a solution makes of it is in :mod:`scso_nlp.analysis.compare`.
+as a fraction of the maximum (many public sets) only need :func:`resample`. Which muscles a channel stands
+for is in :mod:`scso_nlp.emg.map`.
 """
 
 from __future__ import annotations
 
 import csv
-import difflib
-import fnmatch
 import logging
 import math
 import os
-import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from scipy import signal
 
-from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
+from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.io.storage import read_storage
 from scso_nlp.validation import FloatArray, positions, read_only, unique_names
 
@@ -58,8 +39,6 @@ FILTER_ORDER = 2
 ANTI_ALIAS_SHARE = 0.8
 #: Longest gap between samples that is bridged [median steps]. Longer ones are refused.
 MAX_GAP = 10.0
-#: The version of the map file that this module reads.
-MAP_FORMAT = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -367,209 +346,6 @@ def resample(emg: Emg, time: FloatArray, *, start_offset: float = 0.0) -> Emg:
     return replace(emg, time=time, values=frames.reshape(len(time), len(emg.channels)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class MuscleGroup:
-    """Muscles of the model, and the EMG channels over them.
-
-    Attributes
-    ----------
-    name : str
-    muscles : tuple of str
-        Names; in an :class:`EmgMap` also patterns (``*``, ``?``, ``[...]``).
-    channels : tuple of str
-        May be empty: a group that is only looked at in the model.
-    """
-
-    name: str
-    muscles: tuple[str, ...]
-    channels: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroupPair:
-    """Two sets of groups that work against each other.
-
-    Attributes
-    ----------
-    name : str
-    numerator, denominator : tuple of str
-        Names of groups.
-    """
-
-    name: str
-    numerator: tuple[str, ...]
-    denominator: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmgMap:
-    """Which channels and muscles belong together.
-
-    Attributes
-    ----------
-    groups : tuple of MuscleGroup
-    pairs : tuple of GroupPair
-    mvc : mapping of str to float [unit of the channel]
-        Reference value per channel.
-    source : str
-        The file, for messages.
-    """
-
-    groups: tuple[MuscleGroup, ...]
-    pairs: tuple[GroupPair, ...] = ()
-    mvc: Mapping[str, float] = field(default_factory=dict)
-    source: str = "EMG map"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mvc", MappingProxyType(dict(self.mvc)))
-        if not self.groups:
-            raise DataError(f"{self.source} has no group, expected at least one")
-        names = unique_names("group", (group.name for group in self.groups))
-        unique_names("pair", (pair.name for pair in self.pairs))
-        owner: dict[str, str] = {}
-        for group in self.groups:
-            if not group.muscles:
-                raise DataError(f"{self.source}: group {group.name!r} has no muscles, expected at least one")
-            for channel in group.channels:
-                if channel in owner:
-                    raise DataError(
-                        f"{self.source}: channel {channel!r} is in two groups, {owner[channel]!r} and "
-                        f"{group.name!r}"
-                    )
-                owner[channel] = group.name
-        for pair in self.pairs:
-            positions(f"group of pair {pair.name!r}", (*pair.numerator, *pair.denominator), names)
-            if not pair.numerator or not pair.denominator:
-                raise DataError(f"{self.source}: pair {pair.name!r} needs a numerator and a denominator")
-            both = sorted(set(pair.numerator) & set(pair.denominator))
-            if both:
-                raise DataError(f"{self.source}: pair {pair.name!r} has {both[0]!r} on both sides")
-        if self.mvc:
-            positions("channel of [mvc]", self.mvc, tuple(owner))
-
-    def resolve(self, muscles: Sequence[str], channels: Sequence[str] | None = None) -> EmgMap:
-        """Replace patterns by the muscles of a model and check every name.
-
-        Parameters
-        ----------
-        muscles : sequence of str
-            Muscles of the model.
-        channels : sequence of str, optional
-            Channels of the EMG; not checked without it.
-
-        Returns
-        -------
-        EmgMap
-            With names only, in the model's order.
-
-        Raises
-        ------
-        NameMismatchError
-            A muscle or channel that is not there, or a pattern that fits nothing.
-        DataError
-            A muscle in two groups.
-        """
-        owner: dict[str, str] = {}
-        groups = []
-        for group in self.groups:
-            chosen: set[str] = set()
-            for pattern in group.muscles:
-                if any(character in pattern for character in "*?["):
-                    found = [muscle for muscle in muscles if fnmatch.fnmatchcase(muscle, pattern)]
-                    if not found:
-                        close = difflib.get_close_matches(pattern.strip("*?"), muscles, n=3, cutoff=0.4)
-                        hint = (
-                            f"closest: {', '.join(close)}"
-                            if close
-                            else f"available: {', '.join(muscles[:12])}"
-                        )
-                        raise NameMismatchError(
-                            f"{self.source}: pattern {pattern!r} of group {group.name!r} fits no muscle "
-                            f"({hint})"
-                        )
-                    chosen.update(found)
-                else:
-                    positions(f"muscle of group {group.name!r} in {self.source}:", (pattern,), muscles)
-                    chosen.add(pattern)
-            for muscle in sorted(chosen):
-                if muscle in owner:
-                    raise DataError(
-                        f"{self.source}: muscle {muscle!r} is in two groups, {owner[muscle]!r} and "
-                        f"{group.name!r}"
-                    )
-                owner[muscle] = group.name
-            if channels is not None:
-                positions(f"EMG channel of group {group.name!r} in {self.source}:", group.channels, channels)
-            groups.append(replace(group, muscles=tuple(m for m in muscles if m in chosen)))
-        return replace(self, groups=tuple(groups))
-
-
-def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
-    """Read a map file, see the top of this module for its form.
-
-    Parameters
-    ----------
-    path : str or path-like
-
-    Returns
-    -------
-    EmgMap
-
-    Raises
-    ------
-    DataError
-        No such file, or a map that contradicts itself.
-    FileFormatError
-        Not TOML, an unknown key, or a value of the wrong kind.
-    """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is not TOML: {error}") from None
-    _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
-    if content.get("format") != MAP_FORMAT:
-        raise FileFormatError(
-            f"{path} has format = {content.get('format')!r}, expected format = {MAP_FORMAT} as its first line"
-        )
-    groups = []
-    for name, entry in _table(path, content, "groups").items():
-        where = f"groups.{name!r}"
-        entry = _as_table(path, where, entry)
-        _check_keys(path, where, entry, ("channels", "muscles"))
-        groups.append(
-            MuscleGroup(
-                name=name,
-                muscles=_names(path, f"{where}.muscles", entry.get("muscles", [])),
-                channels=_names(path, f"{where}.channels", entry.get("channels", [])),
-            )
-        )
-    pairs = []
-    for name, entry in _table(path, content, "pairs").items():
-        where = f"pairs.{name!r}"
-        entry = _as_table(path, where, entry)
-        _check_keys(path, where, entry, ("numerator", "denominator"))
-        pairs.append(
-            GroupPair(
-                name=name,
-                numerator=_names(path, f"{where}.numerator", entry.get("numerator", [])),
-                denominator=_names(path, f"{where}.denominator", entry.get("denominator", [])),
-            )
-        )
-    mvc = {}
-    for channel, reference in _table(path, content, "mvc").items():
-        if (
-            isinstance(reference, bool)
-            or not isinstance(reference, int | float)
-            or not 0 < reference < math.inf
-        ):
-            raise FileFormatError(f"{path}: mvc.{channel} is {reference!r}, expected a number above 0")
-        mvc[channel] = float(reference)
-    return EmgMap(groups=tuple(groups), pairs=tuple(pairs), mvc=mvc, source=str(path))
-
-
 def _read_csv(path: Path) -> Emg:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -634,27 +410,3 @@ def _zero_lag(
     if padding < 3 * (2 * len(sections) + 1):
         raise DataError(f"{source} has {len(values)} samples, too few to filter at {frequency:g} Hz")
     return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padlen=padding))
-
-
-def _check_keys(path: Path, where: str, table: Mapping[str, object], known: tuple[str, ...]) -> None:
-    for key in table:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            raise FileFormatError(f"{path}: unknown key {key!r}{f' in {where}' if where else ''} ({hint})")
-
-
-def _table(path: Path, content: Mapping[str, object], key: str) -> dict[str, object]:
-    return _as_table(path, key, content.get(key, {}))
-
-
-def _as_table(path: Path, where: str, value: object) -> dict[str, object]:
-    if not isinstance(value, dict):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a table")
-    return value
-
-
-def _names(path: Path, where: str, value: object) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a list of names")
-    return unique_names(where, value)

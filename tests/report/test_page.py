@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scso_nlp.analysis.compare import MotionResult, compare
-from scso_nlp.analysis.emg import Emg, EmgMap, MuscleGroup
-from scso_nlp.analysis.report import render_report, write_report
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.exceptions import DataError
+from scso_nlp.report.page import render_report, write_report
 
 TIME = np.linspace(0.0, 2.0, 41)
 HOSTILE = '<script>alert("x")</script><img src=x onerror=alert(1)>'
@@ -90,7 +89,7 @@ def test_tables_have_headers_for_every_row_and_column():
     text = " ".join(page.texts)
     assert "mean absolute difference" in text
     assert "0.050" in text
-    assert "moving-block bootstrap" in text
+    assert "circular block bootstrap" in text
     assert "settings: q" in text
 
 

@@ -1,18 +1,12 @@
 """What stands in the figures must be the numbers they are made from."""
 
-import dataclasses
-import io
-
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from drawn import drawn
 from matplotlib.container import BarContainer
-from solution_by_hand import antagonists, solution_by_hand
 
-from scso_nlp.analysis import comparison_plots as plots
-from scso_nlp.analysis import style
-from scso_nlp.analysis.compare import MotionResult, compare
-from scso_nlp.analysis.emg import Emg, EmgMap, MuscleGroup
+from scso_nlp import figures as plots
+from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.exceptions import DataError
 
 TIME = 10 + np.linspace(0.0, 2.0, 41)
@@ -46,19 +40,14 @@ def comparison(results=None, time=TIME):
     return compare(results, emg=emg if time is TIME else None, emg_map=MAP, n_resamples=0)
 
 
-def drawn(figure):
-    """Draw for real, so that layout and fonts are exercised, warnings being errors."""
-    figure.savefig(io.BytesIO(), format="png")
-    return figure
-
-
-def test_activity_shows_every_result_from_time_zero_and_emg_only_where_there_is_some():
+def test_activity_shows_every_result_over_its_time_and_emg_only_where_there_is_some():
     solved = np.ones(41, bool)
     solved[5:9] = False
     figure = drawn(plots.plot_activity(comparison([make_result(), make_result("SCSO", solved=solved)])))
     back, deep = figure.axes
     assert [line.get_label() for line in back.lines] == ["SO", "SCSO"]
-    assert back.lines[0].get_xdata()[[0, -1]] == pytest.approx([0, 2])
+    assert back.lines[0].get_xdata()[[0, -1]] == pytest.approx([10, 12])
+    assert figure.get_supxlabel() == "Time [s]"
     assert back.lines[0].get_ydata() == pytest.approx(0.2 + 0.001 * np.arange(41))
     assert np.isnan(back.lines[1].get_ydata()[5:9]).all()
     area = back.collections[0].get_paths()[0].vertices[:, 1]
@@ -70,12 +59,13 @@ def test_activity_shows_every_result_from_time_zero_and_emg_only_where_there_is_
 def test_activity_can_be_drawn_over_per_cent_of_a_cycle():
     per_cent = plots.percent_of_motion(TIME, 10.5, 11.5)
     assert per_cent[[10, 30]] == pytest.approx([0, 100])
-    figure = drawn(plots.plot_activity(comparison(), x=per_cent, x_label="Cycle [%]"))
+    axis = plots.HorizontalAxis(values=per_cent, label="Cycle [%]")
+    figure = drawn(plots.plot_activity(comparison(), horizontal=axis))
     assert figure.get_supxlabel() == "Cycle [%]"
     with pytest.raises(DataError, match=r"the cycle ends at 10\.0 s"):
         plots.percent_of_motion(TIME, 11, 10.0)
-    with pytest.raises(DataError, match="x has shape"):
-        plots.plot_activity(comparison(), x=[1.0, 2.0])
+    with pytest.raises(DataError, match=r"horizontal values have shape \(2,\), expected \(41,\)"):
+        plots.plot_activity(comparison(), horizontal=plots.HorizontalAxis(values=[1.0, 2.0], label="x"))
 
 
 def test_mean_bars_are_the_means():
@@ -97,6 +87,9 @@ def test_task_bars_stand_for_every_task_and_mark_what_was_not_solved():
     assert [bar.get_height() for bar in panel.containers[0]] == pytest.approx([0.2, 0.201, 0.202, 0.203])
     assert panel.containers[1][2].get_height() == 0
     assert len(panel.lines) == 1
+    by_time = plots.plot_task_bars(found)
+    assert [tick.get_text() for tick in by_time.axes[1].get_xticklabels()] == ["0", "1", "2", "3"]
+    assert by_time.get_supxlabel() == "Task, by its time [s]"
     with pytest.raises(DataError, match="2 task names for 4 frames"):
         plots.plot_task_bars(found, ["a", "b"])
     with pytest.raises(DataError, match="41 frames are a movement"):
@@ -127,61 +120,3 @@ def test_a_sweep_has_a_point_per_value_and_a_line_for_the_reference():
             plots.plot_sweep(comparison(results), values, reference="SO")
     with pytest.raises(DataError, match="no result is called 'S0'"):
         plots.plot_sweep(comparison(results), [2, 5, 10], reference="S0")
-
-
-def test_contributions_of_muscles_minus_the_load_add_up_to_the_stability_of_each_row():
-    solution = solution_by_hand(5, failed=(2,), n_pairs=2)
-    length = np.linalg.norm(np.diff(solution.problem.motion.trajectory.skeleton.path_points[0, 0], axis=0))
-    quantities = {"JointStability.muscle_stiffness": 5.0 * solution.tendon_force / length}
-    solution = dataclasses.replace(solution, quantities=quantities)
-    found = plots.stability_contributions(solution)
-    assert found.rows == solution.rows["JointStability"].names
-    expected = solution.rows["JointStability"].value[solution.is_solved].mean(axis=0)
-    assert found.values.sum(axis=1) - found.external_work == pytest.approx(expected, rel=1e-9)
-    # a muscle adds nothing to a joint that it does not cross
-    assert found.values[0, 2:] == pytest.approx(0)
-    figure = drawn(plots.plot_stability_contributions(found, most_muscles=2))
-    assert "2 of 4 muscles" in figure.get_suptitle()
-    assert figure.axes[0].images[0].get_array().shape == (2, 2)
-
-
-def test_contributions_need_stability_rows_and_a_solved_frame():
-    with pytest.raises(DataError, match="has no stability rows to split"):
-        plots.stability_contributions(solution_by_hand(3, stability=False))
-    with pytest.raises(DataError, match="no frame is solved"):
-        plots.stability_contributions(solution_by_hand(2, failed=(0, 1)))
-
-
-def test_muscle_lines_run_through_the_path_points_and_carry_their_activation():
-    skeleton = antagonists(3).trajectory.skeleton
-    activation = np.array([[0.1, 0.2], [0.6, 0.3], [0.0, 0.4]])
-    figure = drawn(plots.plot_muscle_lines(skeleton, activation, [1], titles=["start"]))
-    side, front = (panel for panel in figure.axes[:2])
-    lines = next(item for item in side.collections if isinstance(item, LineCollection))
-    # drawn from the least active to the most active, so that the active ones lie on top
-    assert lines.get_array().tolist() == [0.3, 0.6]
-    assert lines.get_segments()[1] == pytest.approx(skeleton.path_points[1, 0][:, :2])
-    behind = next(item for item in front.collections if isinstance(item, LineCollection))
-    assert behind.get_segments()[1] == pytest.approx(skeleton.path_points[1, 0][:, [2, 1]])
-    assert side.lines[0].get_xydata() == pytest.approx(np.zeros((1, 2)))
-    assert side.get_title(loc="left") == "start"
-
-
-@pytest.mark.parametrize(
-    ("frames", "titles", "message"),
-    [
-        ([], [], r"frames to show are \[\]"),
-        ([3], [], "expected some of 0 to 2"),
-        ([0], ["a", "b"], "2 titles for 1"),
-    ],
-)
-def test_muscle_lines_refuse_frames_that_are_not_there(frames, titles, message):
-    with pytest.raises(DataError, match=message):
-        plots.plot_muscle_lines(antagonists(3).trajectory.skeleton, np.zeros((3, 2)), frames, titles=titles)
-
-
-def test_no_two_results_look_alike():
-    looks = [style.series_style(i) for i in range(28)]
-    assert len({(look.color, look.line) for look in looks}) == 28
-    grays = [sum(style.activation_colors()(x)[:3]) for x in np.linspace(0, 1, 50)]
-    assert (np.diff(grays) < 0).all()

@@ -1,7 +1,7 @@
-"""How like two series are, how much two opposing groups work against each other, and how sure that is.
+"""How like two series are, and how much two opposing groups work against each other.
 
-Every function takes plain arrays of one motion and gives one number; `bootstrap_interval` puts an interval
-around any of them. Which series belong together is decided in :mod:`scso_nlp.analysis.compare`.
+Every function takes plain arrays of one motion and gives one number; :mod:`scso_nlp.emg.bootstrap` puts an
+interval around any of them. Which series belong together is decided in :mod:`scso_nlp.emg.comparison`.
 
 The activity ratios of the paper (its equations 5 to 9) are not reproduced by number: their print was not at
 hand. What is known are the quantities it reports; the definitions below that are inferred from them say so.
@@ -9,9 +9,7 @@ hand. What is known are the quantities it reports; the definitions below that ar
 
 from __future__ import annotations
 
-import enum
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,10 +24,6 @@ CONSTANT_SERIES = 1e-9
 MIN_OVERLAP = 0.5
 #: Steps of time may differ by this share of their median and still count as uniform [-].
 UNIFORM_STEP = 0.05
-#: A generalized force below this asks for no agonist [N·m].
-NEGLIGIBLE_MOMENT = 1.0
-#: A muscle with a smaller moment arm neither helps nor opposes [m].
-NEGLIGIBLE_MOMENT_ARM = 0.001
 
 
 def mean_absolute_difference(predicted: FloatArray, measured: FloatArray) -> float:
@@ -55,7 +49,7 @@ def mean_absolute_difference(predicted: FloatArray, measured: FloatArray) -> flo
     ----------
     Akhavanfar et al. (2019), J Biomech, doi 10.1016/j.jbiomech.2019.05.007.
     """
-    predicted, measured = _pair(predicted, measured)
+    predicted, measured = same_frames(predicted, measured)
     return float(np.abs(predicted - measured).mean())
 
 
@@ -78,7 +72,7 @@ def root_mean_square_error(predicted: FloatArray, measured: FloatArray) -> float
     DataError
         Empty, of different length, or not finite.
     """
-    predicted, measured = _pair(predicted, measured)
+    predicted, measured = same_frames(predicted, measured)
     return float(np.sqrt(np.mean((predicted - measured) ** 2)))
 
 
@@ -103,7 +97,7 @@ def pearson_correlation(predicted: FloatArray, measured: FloatArray) -> float:
         Empty, of different length, not finite, or one of them constant: a muscle that stays silent has no
         correlation with anything, which is not the same as a correlation of zero.
     """
-    predicted, measured = _pair(predicted, measured)
+    predicted, measured = same_frames(predicted, measured)
     for name, series in (("predicted", predicted), ("measured", measured)):
         if is_constant(series):
             raise DataError(
@@ -169,7 +163,7 @@ def cross_correlation(
     DataError
         Time is not uniform, `max_lag` is negative or too long, or as :func:`pearson_correlation`.
     """
-    predicted, measured = _pair(predicted, measured)
+    predicted, measured = same_frames(predicted, measured)
     time = read_only("time", time, (len(predicted),), "n_frames")
     if len(time) < 3:
         raise DataError(f"cross-correlation of {len(time)} frames, expected at least 3")
@@ -310,216 +304,14 @@ def activity_ratio(numerator: FloatArray, denominator: FloatArray) -> float:
     return float(numerator.sum() / total)
 
 
-class Role(enum.Enum):
-    """What a muscle does about the moments that are asked for."""
-
-    AGONIST = "agonist"
-    COMPLETE_ANTAGONIST = "complete antagonist"
-    SEMI_ANTAGONIST = "semi-antagonist"
-    NEUTRAL = "neutral"
-
-
-def muscle_roles(
-    moment_arms: FloatArray,
-    generalized_forces: FloatArray,
-    *,
-    negligible_moment: float = NEGLIGIBLE_MOMENT,
-    negligible_moment_arm: float = NEGLIGIBLE_MOMENT_ARM,
-) -> tuple[Role, ...]:
-    r"""Sort muscles into agonists, complete antagonists and semi-antagonists.
-
-    With :math:`s_{im} = \operatorname{sign}(r_{im} M_i)` over the coordinates whose moment and moment arm are
-    not negligible: an agonist has only :math:`s = 1`, a complete antagonist only :math:`s = -1`, a
-    semi-antagonist both, and a neutral muscle none.
-
-    Parameters
-    ----------
-    moment_arms : ndarray, shape (n_coordinates, n_muscles) [m]
-    generalized_forces : ndarray, shape (n_coordinates,) [N·m]
-        What the muscles must produce.
-    negligible_moment : float [N·m]
-    negligible_moment_arm : float [m]
-
-    Returns
-    -------
-    tuple of Role, one per muscle
-
-    Raises
-    ------
-    DataError
-        Wrong shape or not finite.
-
-    Notes
-    -----
-    Inferred from the names that the paper uses and its table of moment-arm signs, where this rule makes the
-    erector spinae agonists, rectus abdominis and external oblique complete antagonists and the internal
-    oblique, which extends one joint and flexes the other, a semi-antagonist.
-    """
-    arms = read_only("moment_arms", moment_arms, (-1, -1), "n_coordinates, n_muscles")
-    forces = read_only("generalized_forces", generalized_forces, (arms.shape[0],), "n_coordinates")
-    matters = (np.abs(forces) > negligible_moment)[:, None] & (np.abs(arms) > negligible_moment_arm)
-    sign = np.where(matters, np.sign(arms * forces[:, None]), 0.0)
-    helps, opposes = np.any(sign > 0, axis=0).tolist(), np.any(sign < 0, axis=0).tolist()
-    kinds = {
-        (True, False): Role.AGONIST,
-        (False, True): Role.COMPLETE_ANTAGONIST,
-        (True, True): Role.SEMI_ANTAGONIST,
-        (False, False): Role.NEUTRAL,
-    }
-    return tuple(kinds[h, o] for h, o in zip(helps, opposes, strict=True))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Interval:
-    """A number with its bootstrap interval.
-
-    Attributes
-    ----------
-    value : float
-        From all frames.
-    low, high : float
-        Percentile interval of the resampled numbers.
-    block_length : int
-        Frames per block.
-    n_resamples : int
-        Resamples in which the number was defined.
-    """
-
-    value: float
-    low: float
-    high: float
-    block_length: int
-    n_resamples: int
-
-
-def bootstrap_interval(
-    metric: Callable[[FloatArray, FloatArray], float],
-    first: FloatArray,
-    second: FloatArray,
-    *,
-    block_length: int | None = None,
-    n_resamples: int = 1000,
-    confidence: float = 0.95,
-    seed: int = 0,
-) -> Interval:
-    """Put an interval around a metric of two series by the moving-block bootstrap.
-
-    Whole blocks of consecutive frames are drawn with replacement, the same for both series, because
-    neighboring frames of a motion are not independent: drawing single frames would give intervals that are
-    far too narrow.
-
-    Parameters
-    ----------
-    metric : function of two ndarrays of shape (n_frames,), returns float
-        Must not depend on the order of frames (not a lag).
-    first, second : ndarray, shape (n_frames,) [-]
-    block_length : int, optional
-        Frames per block, 1 to half of the frames; :func:`decorrelation_length` of the difference by default.
-    n_resamples : int
-        At least 100.
-    confidence : float [-]
-        Share of the resamples inside the interval, between 0 and 1.
-    seed : int
-        The same seed gives the same interval.
-
-    Returns
-    -------
-    Interval
-
-    Raises
-    ------
-    DataError
-        Fewer than 4 frames, an option out of range, or a metric that is not defined in more than a tenth of
-        the resamples.
-
-    Notes
-    -----
-    The interval speaks of other stretches of the same motion of the same person. It says nothing about other
-    trials or other people.
-
-    References
-    ----------
-    Künsch (1989), Ann Statist 17:1217-1241.
-    """
-    first, second = _pair(first, second)
-    n_frames = len(first)
-    if n_frames < 4:
-        raise DataError(f"a bootstrap interval from {n_frames} frames, expected at least 4")
-    if block_length is None:
-        block_length = decorrelation_length(first - second)
-    if not 1 <= block_length <= n_frames // 2:
-        raise DataError(f"block_length is {block_length}, expected 1 to {n_frames // 2} frames")
-    if n_resamples < 100:
-        raise DataError(f"n_resamples is {n_resamples}, expected at least 100")
-    if not 0 < confidence < 1:
-        raise DataError(f"confidence is {confidence}, expected a share between 0 and 1")
-    value = metric(first, second)
-    random = np.random.default_rng(seed)
-    n_blocks = -(-n_frames // block_length)
-    numbers = []
-    for _ in range(n_resamples):
-        starts = random.integers(0, n_frames - block_length + 1, size=n_blocks)
-        frames = (starts[:, None] + np.arange(block_length)).ravel()[:n_frames]
-        try:
-            numbers.append(metric(first[frames], second[frames]))
-        except DataError:
-            continue
-    if len(numbers) < 0.9 * n_resamples:
-        raise DataError(
-            f"the metric is not defined in {n_resamples - len(numbers)} of {n_resamples} resamples, "
-            "its interval would mislead"
-        )
-    tail = 50 * (1 - confidence)
-    low, high = np.percentile(numbers, (tail, 100 - tail))
-    return Interval(
-        value=value, low=float(low), high=float(high), block_length=block_length, n_resamples=len(numbers)
-    )
-
-
-def decorrelation_length(series: FloatArray) -> int:
-    r"""Estimate how many consecutive frames carry the same news.
-
-    Twice the integrated autocorrelation up to its first non-positive value,
-    :math:`1 + 2\sum_k \rho_k`, doubled; not below :math:`N^{1/3}` and not above a quarter of the frames.
-
-    Parameters
-    ----------
-    series : ndarray, shape (n_frames,) [any]
-
-    Returns
-    -------
-    int [frames]
-        At least 1.
-
-    References
-    ----------
-    Sokal (1997), in Functional Integration, NATO ASI Series 361:131-192 (integrated autocorrelation);
-    the cube root is the usual rate for block lengths, Künsch (1989).
-    """
-    series = read_only("series", series, (-1,), "n_frames")
-    n = len(series)
-    most = max(1, n // 4)
-    least = min(most, max(1, round(n ** (1 / 3))))
-    centered = series - series.mean() if n else series
-    variance = float(centered @ centered)
-    if variance == 0:
-        return least
-    total = 1.0
-    for k in range(1, most + 1):
-        rho = float(centered[k:] @ centered[:-k]) / variance
-        if rho <= 0:
-            break
-        total += 2 * rho
-    return int(min(most, max(least, math.ceil(2 * total))))
-
-
 def _correlation(first: FloatArray, second: FloatArray) -> float:
     first, second = first - first.mean(), second - second.mean()
     r = float(first @ second) / math.sqrt(float(first @ first) * float(second @ second))
     return min(1.0, max(-1.0, r))
 
 
-def _pair(first: object, second: object) -> tuple[FloatArray, FloatArray]:
+def same_frames(first: object, second: object) -> tuple[FloatArray, FloatArray]:
+    """Check that two series have the same frames, at least one; shape (n_frames,) each."""
     one = read_only("first series", first, (-1,), "n_frames")
     other = read_only("second series", second, (-1,), "n_frames")
     if len(one) != len(other):
@@ -530,7 +322,7 @@ def _pair(first: object, second: object) -> tuple[FloatArray, FloatArray]:
 
 
 def _activities(first: object, second: object) -> tuple[FloatArray, FloatArray]:
-    one, other = _pair(first, second)
+    one, other = same_frames(first, second)
     for name, series in (("first", one), ("second", other)):
         if (series < 0).any():
             k = int(np.argmin(series))

@@ -10,8 +10,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import antagonists, solution_by_hand
 
-from scso_nlp.analysis.plots import HorizontalAxis, plot_activations, plot_moments, plot_stability
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.figures import HorizontalAxis, plot_activations, plot_moments, plot_stability
 from scso_nlp.solve import observe
 
 
@@ -81,9 +81,11 @@ def test_no_stability_rows_is_an_error_that_says_so():
 
 
 def test_a_baseline_of_another_motion_is_refused():
-    with pytest.raises(NameMismatchError, match="other muscles or another number of frames"):
+    with pytest.raises(DataError, match="'baseline' has 6 frames and 'solution' has 5: expected one motion"):
         plot_activations(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
-    with pytest.raises(NameMismatchError, match="other muscles or another number of frames"):
+    with pytest.raises(NameMismatchError, match="'baseline' and 'solution' are not of one model"):
+        plot_activations(solution_by_hand(), baseline=solution_by_hand(n_pairs=2))
+    with pytest.raises(DataError, match="'baseline' has 6 frames and 'solution' has 5: expected one motion"):
         plot_stability(solution_by_hand(), baseline=solution_by_hand(n_frames=6))
 
 

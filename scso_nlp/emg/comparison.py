@@ -8,39 +8,27 @@ the reader to judge, with the intervals.
 from __future__ import annotations
 
 import csv
-import glob
-import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scso_nlp.analysis import metrics
-from scso_nlp.analysis.emg import (
-    Emg,
-    EmgMap,
-    MuscleGroup,
-    normalize_to_mvc,
-    resample,
-    warn_outside_unit_range,
-)
-from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
-from scso_nlp.io.storage import Storage, read_storage
-from scso_nlp.validation import BoolArray, FloatArray, positions, read_only, unique_names
-
-if TYPE_CHECKING:
-    from scso_nlp.solution import Solution
+from scso_nlp.emg import metrics
+from scso_nlp.emg.bootstrap import bootstrap_interval
+from scso_nlp.emg.map import EmgMap, MuscleGroup
+from scso_nlp.emg.motion_result import MotionResult
+from scso_nlp.emg.signal import Emg, normalize_to_mvc, resample, warn_outside_unit_range
+from scso_nlp.exceptions import DataError
+from scso_nlp.files import write_whole
+from scso_nlp.trajectory import require_same_motion
+from scso_nlp.validation import BoolArray, FloatArray, positions, unique_names
 
 #: Longest lag looked for between prediction and EMG [s]: electromechanical delay is below 0.15 s,
 #: Cavanagh and Komi (1979), Eur J Appl Physiol 42:159-163, and filters of both signals may add to it.
 MAX_LAG = 0.2
-#: Times of two results may differ by this share of a frame and still be the same frames [-].
-SAME_TIME = 1e-3
 #: Fewer frames are a handful of chosen tasks, of which an interval would tell nothing.
 LEAST_FRAMES_FOR_INTERVAL = 16
 #: How EMG is called in the column of results.
@@ -49,210 +37,6 @@ EMG_LABEL = "EMG"
 ALL_GROUPS = "all groups"
 #: Activations may be this much below zero by the solver's tolerance; such values count as zero [-].
 NEGATIVE_ACTIVATION = 1e-4
-_REPORT = "report.json"
-#: Names of the statuses of frames that may be used.
-_SOLVED = ("SOLVED", "ACCEPTABLE")
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionResult:
-    """What a comparison needs to know of one solution.
-
-    Attributes
-    ----------
-    label : str
-        How it is called in tables and figures.
-    name : str
-        Name of the motion.
-    time : ndarray, shape (n_frames,) [s]
-    muscles : tuple of str
-    activation : ndarray, shape (n_frames, n_muscles) [-]
-        NaN allowed in frames that are not solved.
-    is_solved : ndarray of bool, shape (n_frames,)
-    stability_rows : tuple of str
-        ``"<joint>_<axis>"``.
-    stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
-    report : mapping
-        Settings, versions and times as in ``report.json``; may be empty.
-    """
-
-    label: str
-    name: str
-    time: FloatArray
-    muscles: tuple[str, ...]
-    activation: FloatArray
-    is_solved: BoolArray
-    stability_rows: tuple[str, ...] = ()
-    stability: FloatArray | None = None
-    report: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        set_field(self, "muscles", unique_names("muscle", self.muscles))
-        set_field(self, "stability_rows", unique_names("stability row", self.stability_rows))
-        set_field(self, "report", MappingProxyType(dict(self.report)))
-        time = read_only("time", self.time, (-1,), "n_frames")
-        set_field(self, "time", time)
-        n_frames = len(time)
-        solved = np.array(self.is_solved, dtype=bool)
-        if solved.shape != (n_frames,):
-            raise DataError(f"is_solved has shape {solved.shape}, expected ({n_frames},) = (n_frames,)")
-        solved.flags.writeable = False
-        set_field(self, "is_solved", solved)
-        activation = read_only(
-            f"activation of {self.label!r}",
-            self.activation,
-            (n_frames, len(self.muscles)),
-            "n_frames, n_muscles",
-            finite=False,
-        )
-        bad = np.argwhere(~np.isfinite(activation) & solved[:, None])
-        if len(bad):
-            k, m = (int(i) for i in bad[0])
-            raise DataError(
-                f"activation of {self.label!r} is {activation[k, m]} for {self.muscles[m]} at "
-                f"t = {time[k]:g} s, in a frame that is marked as solved"
-            )
-        set_field(self, "activation", activation)
-        stability = np.zeros((n_frames, 0)) if self.stability is None else self.stability
-        shape = (n_frames, len(self.stability_rows))
-        stability = read_only(
-            f"stability of {self.label!r}", stability, shape, "n_frames, n_stability_rows", finite=False
-        )
-        set_field(self, "stability", stability)
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return len(self.time)
-
-
-def result_of(solution: Solution, label: str) -> MotionResult:
-    """Take from a solution in memory what a comparison needs.
-
-    Parameters
-    ----------
-    solution : Solution
-    label : str
-
-    Returns
-    -------
-    MotionResult
-    """
-    # the solver's side of the package, which tables made from result folders do not need
-    trajectory = solution.problem.motion.trajectory
-    margin = solution.stability
-    report = solution.report
-    return MotionResult(
-        label=label,
-        name=trajectory.name,
-        time=trajectory.time,
-        muscles=trajectory.muscles,
-        activation=solution.activation,
-        is_solved=solution.is_solved,
-        stability_rows=() if margin is None else margin.rows,
-        stability=None if margin is None else margin.stability,
-        report={
-            "summary": solution.summary(),
-            "problem": str(solution.problem),
-            "objective_terms": dict(solution.objective_terms),
-            "violation": dict(solution.violation),
-            "solver": report.solver,
-            "iterations": report.iterations,
-            "build_seconds": report.build_seconds,
-            "solve_seconds": report.solve_seconds,
-            "options": dict(report.options),
-            "versions": dict(report.versions),
-        },
-    )
-
-
-def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
-    """Read a result folder back, as written by :func:`scso_nlp.report.results.write_solution`.
-
-    Parameters
-    ----------
-    folder : path
-        Holds ``report.json``, the activation file and, with stability rows, the stability file.
-    label : str, optional
-        The folder's name by default.
-
-    Returns
-    -------
-    MotionResult
-
-    Raises
-    ------
-    DataError
-        No such folder, or a run that was not written completely.
-    FileFormatError
-        A report or table that cannot be read as such, or that do not belong together.
-    """
-    folder = Path(folder)
-    report = _read_report(folder)
-    name = report["name"]
-    table = _only_file(folder, name, "activation.sto")
-    statuses = report["frame_status"]
-    if len(statuses) != table.n_frames:
-        raise FileFormatError(
-            f"{folder}: {_REPORT} has {len(statuses)} frames and {table.source} has {table.n_frames}: "
-            "they are not of one run"
-        )
-    muscles = _muscle_names(folder, report, table)
-    rows: tuple[str, ...] = ()
-    stability = None
-    if any(folder.glob(f"{glob.escape(name)}_stability.sto")):
-        found = read_storage(folder / f"{name}_stability.sto")
-        if found.n_frames != table.n_frames:
-            raise FileFormatError(f"{found.source} and {table.source} have different numbers of frames")
-        suffix = "_stability"
-        columns = [label for label in found.labels if label.endswith(suffix)]
-        rows = tuple(column.removesuffix(suffix) for column in columns)
-        stability = found.columns(columns)
-    return MotionResult(
-        label=folder.resolve().name if label is None else label,
-        name=name,
-        time=table.time,
-        muscles=tuple(muscles),
-        activation=table.columns(muscles),
-        is_solved=np.array([status in _SOLVED for status in statuses]),
-        stability_rows=rows,
-        stability=stability,
-        report=report,
-    )
-
-
-def read_results(
-    folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()
-) -> tuple[MotionResult, ...]:
-    """Read several result folders, each under a label of its own.
-
-    Parameters
-    ----------
-    folders : sequence of path
-    labels : sequence of str, optional
-        One per folder; otherwise the shortest ends of their paths that differ.
-
-    Returns
-    -------
-    tuple of MotionResult
-
-    Raises
-    ------
-    DataError
-        Not one label per folder, a folder given twice, or as :func:`read_result`.
-    """
-    paths = [Path(folder).resolve() for folder in folders]
-    if len(set(paths)) < len(paths):
-        raise DataError("a result folder is given twice, expected different ones")
-    if not labels:
-        depth = 1
-        while len({path.parts[-depth:] for path in paths}) < len(paths):
-            depth += 1
-        labels = ["/".join(path.parts[-depth:]) for path in paths]
-    if len(labels) != len(paths):
-        raise DataError(f"{len(labels)} labels for {len(paths)} results, expected one each")
-    return tuple(read_result(path, label) for path, label in zip(paths, labels, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,6 +103,11 @@ class Comparison:
     def group_names(self) -> tuple[str, ...]:
         """Names of the groups."""
         return tuple(group.name for group in self.groups)
+
+    def emg_of(self, group: int) -> FloatArray | None:
+        """EMG of the group at a position, shape (n_frames,) [-]; None for a group without channels."""
+        measured = None if self.emg is None else self.emg[:, group]
+        return None if measured is None or np.isnan(measured).any() else measured
 
 
 def compare(
@@ -417,19 +206,12 @@ def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -
         The file cannot be written.
     """
     names = ("result", "group", "metric", "value", "low", "high", "unit", "note")
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with open(temporary, "w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(names)
-            for row in comparison.rows:
-                cells = [getattr(row, name) for name in names]
-                writer.writerow("" if isinstance(c, float) and math.isnan(c) else c for c in cells)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
+    with write_whole(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for row in comparison.rows:
+            cells = [getattr(row, name) for name in names]
+            writer.writerow("" if isinstance(c, float) and math.isnan(c) else c for c in cells)
 
 
 def format_comparison(comparison: Comparison) -> str:
@@ -472,7 +254,7 @@ def format_comparison(comparison: Comparison) -> str:
     n_used, n_frames = int(comparison.is_used.sum()), len(comparison.is_used)
     text.append(f"\nFrom {n_used} of {n_frames} frames" + ("." if n_used == n_frames else ", solved by all."))
     if any(not math.isnan(row.low) for row in comparison.rows):
-        text.append("In brackets: 95 % moving-block bootstrap over the frames of this motion.")
+        text.append("In brackets: 95 % circular block bootstrap over the frames of this motion.")
     text.extend(f"[{i + 1}] {note}" for i, note in enumerate(notes))
     return "\n".join(text)
 
@@ -499,56 +281,6 @@ def format_number(row: ComparisonRow, notes: Sequence[str] = ()) -> str:
     return text + mark
 
 
-def _read_report(folder: Path) -> dict[str, Any]:
-    """Read ``report.json`` and check what is used of it."""
-    path = folder / _REPORT
-    if not folder.is_dir():
-        raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise DataError(
-            f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
-        ) from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path} is not JSON: {error}") from None
-    expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}
-    if not isinstance(report, dict) or report.get("program") != "scso_nlp":
-        raise FileFormatError(f"{path} is not a report of scso_nlp")
-    for key, kind in expected.items():
-        if not isinstance(report.get(key), kind):
-            raise FileFormatError(f"{path}: {key!r} is missing or not a {kind.__name__}")
-    if not report["name"] or any(character in report["name"] for character in "/\\\0"):
-        raise FileFormatError(f"{path}: the name {report['name']!r} cannot be the start of file names")
-    return report
-
-
-def _muscle_names(folder: Path, report: dict[str, Any], table: Storage) -> tuple[str, ...]:
-    """Tell the columns of muscles from those of reserves and residuals."""
-    problem = report["problem"]
-    names = problem.get("muscle_names")
-    if names is None and problem.get("actuators") == 0 and problem.get("muscles") == table.n_columns:
-        return table.labels
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise FileFormatError(
-            f"{folder / _REPORT} does not say which of the {table.n_columns} columns of the activation file "
-            "are muscles, expected problem.muscle_names"
-        )
-    return tuple(names)
-
-
-def _only_file(folder: Path, name: str, ending: str) -> Storage:
-    found = sorted(folder.glob(f"{glob.escape(name)}_*_{ending}"))
-    if len(found) != 1:
-        raise DataError(
-            f"{folder} has {len(found)} files {name}_*_{ending}, expected one"
-            + (f": {', '.join(path.name for path in found[:4])}" if found else "")
-        )
-    return read_storage(found[0])
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Resampling:
     n_resamples: int
@@ -561,34 +293,11 @@ def _common_frames(results: tuple[MotionResult, ...]) -> tuple[FloatArray, BoolA
     unique_names("result label", (result.label for result in results))
     if any(result.label == EMG_LABEL for result in results):
         raise DataError(f"{EMG_LABEL!r} is taken, give the result another label")
-    first = results[0]
-    used = np.ones(first.n_frames, dtype=bool)
-    for result in results:
-        if result.muscles != first.muscles:
-            missing = [name for name in first.muscles if name not in result.muscles]
-            extra = [name for name in result.muscles if name not in first.muscles]
-            raise NameMismatchError(
-                f"{result.label!r} and {first.label!r} are not of one model: "
-                f"missing muscles {missing[:6] or 'none'}, extra {extra[:6] or 'none'}"
-                + ("" if missing or extra else ", different order")
-            )
-        if result.n_frames != first.n_frames:
-            raise DataError(
-                f"{result.label!r} has {result.n_frames} frames and {first.label!r} has {first.n_frames}: "
-                "expected one motion"
-            )
-        step = float(np.diff(first.time).min()) if first.n_frames > 1 else 1.0
-        apart = np.flatnonzero(np.abs(result.time - first.time) > SAME_TIME * step)
-        if len(apart):
-            k = int(apart[0])
-            raise DataError(
-                f"frame {k} of {result.label!r} is at t = {result.time[k]} s, of {first.label!r} at "
-                f"{first.time[k]} s: expected one motion"
-            )
-        used &= result.is_solved
+    require_same_motion({result.label: result for result in results})
+    used = np.logical_and.reduce([result.is_solved for result in results])
     if not used.any():
         raise DataError("no frame is solved in all results, nothing can be compared")
-    return first.time, used
+    return results[0].time, used
 
 
 def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> FloatArray:
@@ -754,7 +463,7 @@ def _row(
     note = ""
     if sampling.n_resamples and len(first) >= LEAST_FRAMES_FOR_INTERVAL:
         try:
-            interval = metrics.bootstrap_interval(
+            interval = bootstrap_interval(
                 function, first, second, n_resamples=sampling.n_resamples, seed=sampling.seed
             )
             low, high = interval.low, interval.high

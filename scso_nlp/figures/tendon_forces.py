@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from scso_nlp.analysis import style
 from scso_nlp.exceptions import DataError
+from scso_nlp.figures.frames import HorizontalAxis, horizontal_axis
+from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
+from scso_nlp.figures.style import series_style
 from scso_nlp.solution import Solution
+from scso_nlp.trajectory import require_same_motion
 from scso_nlp.validation import FloatArray
 
 
@@ -45,10 +48,12 @@ def tendon_force_difference(solution: Solution, reference: Solution) -> TendonFo
 
     Raises
     ------
+    NameMismatchError
+        Other muscles.
     DataError
-        Other muscles or frames, or no frame that both have solved.
+        Other frames, or no frame that both have solved.
     """
-    _same_motion({"solution": solution, "reference": reference})
+    _require_same_motion({"reference": reference, "solution": solution})
     both = solution.is_solved & reference.is_solved
     if not both.any():
         raise DataError("no frame is solved in both solutions, expected at least one")
@@ -60,7 +65,9 @@ def tendon_force_difference(solution: Solution, reference: Solution) -> TendonFo
     )
 
 
-def plot_tendon_forces(solutions: Mapping[str, Solution], *, title: str | None = None) -> Figure:
+def plot_tendon_forces(
+    solutions: Mapping[str, Solution], *, title: str | None = None, horizontal: HorizontalAxis | None = None
+) -> Figure:
     """Draw the tendon force of every muscle over the motion, one panel each and one line per solution.
 
     Parameters
@@ -70,6 +77,8 @@ def plot_tendon_forces(solutions: Mapping[str, Solution], *, title: str | None =
         titles, the largest ones over the motion as a share of maximum isometric force.
     title : str, optional
         Name of the motion by default.
+    horizontal : HorizontalAxis, optional
+        Time by default.
 
     Returns
     -------
@@ -78,40 +87,39 @@ def plot_tendon_forces(solutions: Mapping[str, Solution], *, title: str | None =
 
     Raises
     ------
+    NameMismatchError
+        Solutions with different muscles.
     DataError
-        No solution, or solutions of different motions.
+        No solution, other frames, no frame that two of them have solved, or horizontal values that are not
+        one per frame.
     """
     if not solutions:
         raise DataError("no solution to draw, expected at least one")
-    _same_motion(solutions)
+    _require_same_motion(solutions)
     reference, *others = solutions.values()
-    trajectory, strength = (
-        reference.problem.motion.trajectory,
-        reference.problem.motion.muscles.max_isometric_force,
+    motion = reference.problem.motion
+    trajectory, strength = motion.trajectory, motion.muscles.max_isometric_force
+    axis = horizontal_axis(trajectory.time, horizontal)
+    titles = list(trajectory.muscles)
+    if others:
+        largest = np.max([tendon_force_difference(other, reference).largest for other in others], axis=0)
+        shares = 100 * largest / strength
+        titles = [f"{name}\nup to {s:.1f} % of F0 apart" for name, s in zip(titles, shares, strict=True)]
+    figure, panels = panel_grid(
+        titles,
+        heading=f"{title or trajectory.name}: tendon force",
+        x_label=axis.label,
+        y_label="Tendon force [N]",
+        horizontal=axis,
     )
-    figure, panels = style.panel_grid(
-        len(trajectory.muscles), title=f"{title or trajectory.name}: tendon force", share_y=False
-    )
-    time = trajectory.time - trajectory.time[0]
-    differences = [tendon_force_difference(other, reference) for other in others]
-    for m, (name, panel) in enumerate(zip(trajectory.muscles, panels, strict=True)):
+    for m, panel in enumerate(panels):
         for i, (label, solution) in enumerate(solutions.items()):
-            look = style.series_style(i)
             force = np.where(solution.is_solved, solution.tendon_force[:, m], np.nan)
-            panel.plot(time, force, look.line, color=look.color, linewidth=1.4, label=label)
-        shares = [100 * d.largest[m] / strength[m] for d in differences]
-        apart = f"  (up to {max(shares):.1f} % of F0 apart)" if shares else ""
-        panel.set_title(f"{name}{apart}", loc="left", fontsize=style.TEXT, pad=3)
+            draw_curve(panel, axis.values, force, series_style(i), label=label)
         panel.set_ylim(bottom=min(0.0, panel.get_ylim()[0]))
-        panel.set_xlim(0.0, float(time[-1]) if len(time) > 1 else None)
-    style.label_figure(figure, panels, "Time [s]", "Tendon force [N]")
+    add_legend(figure)
     return figure
 
 
-def _same_motion(solutions: Mapping[str, Solution]) -> None:
-    (first, reference), *others = solutions.items()
-    expected = reference.problem.motion.trajectory
-    for label, solution in others:
-        found = solution.problem.motion.trajectory
-        if found.muscles != expected.muscles or not np.array_equal(found.time, expected.time):
-            raise DataError(f"{label} and {first} have other muscles or frames, expected one motion")
+def _require_same_motion(solutions: Mapping[str, Solution]) -> None:
+    require_same_motion({label: solution.problem.motion.trajectory for label, solution in solutions.items()})

@@ -1,1 +1,0 @@
-"""Numbers, comparisons and figures made from solutions; nothing here solves anything."""

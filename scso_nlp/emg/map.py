@@ -1,0 +1,231 @@
+"""Which EMG channels and which muscles belong together: groups, pairs of groups, the file that names them.
+
+The map file, in TOML, says which channels and which muscles of the model form a group::
+
+    format = 1
+
+    [groups."rectus abdominis, right"]
+    channels = ["rectabd_r"]
+    muscles = ["rect_abd_r"]            # names, or patterns such as "IL_*_r"
+
+    [mvc]                               # only for data that are not normalised: reference value per channel
+    rectabd_r = 0.41
+
+    [pairs."abdomen over back"]         # for ratios and co-contraction
+    numerator = ["rectus abdominis, right"]
+    denominator = ["erector spinae, right"]
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.validation import matches, nearest, positions, unique_names
+
+#: The version of the map file that this module reads.
+MAP_FORMAT = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class MuscleGroup:
+    """Muscles of the model, and the EMG channels over them.
+
+    Attributes
+    ----------
+    name : str
+    muscles : tuple of str
+        Names; in an :class:`EmgMap` also patterns (``*``, ``?``, ``[...]``).
+    channels : tuple of str
+        May be empty: a group that is only looked at in the model.
+    """
+
+    name: str
+    muscles: tuple[str, ...]
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupPair:
+    """Two sets of groups that work against each other.
+
+    Attributes
+    ----------
+    name : str
+    numerator, denominator : tuple of str
+        Names of groups.
+    """
+
+    name: str
+    numerator: tuple[str, ...]
+    denominator: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmgMap:
+    """Which channels and muscles belong together.
+
+    Attributes
+    ----------
+    groups : tuple of MuscleGroup
+    pairs : tuple of GroupPair
+    mvc : mapping of str to float [unit of the channel]
+        Reference value per channel.
+    source : str
+        The file, for messages.
+    """
+
+    groups: tuple[MuscleGroup, ...]
+    pairs: tuple[GroupPair, ...] = ()
+    mvc: Mapping[str, float] = field(default_factory=dict)
+    source: str = "EMG map"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mvc", MappingProxyType(dict(self.mvc)))
+        if not self.groups:
+            raise DataError(f"{self.source} has no group, expected at least one")
+        names = unique_names("group", (group.name for group in self.groups))
+        unique_names("pair", (pair.name for pair in self.pairs))
+        owner: dict[str, str] = {}
+        for group in self.groups:
+            if not group.muscles:
+                raise DataError(f"{self.source}: group {group.name!r} has no muscles, expected at least one")
+            _claim(owner, "channel", group.channels, group.name, self.source)
+        for pair in self.pairs:
+            positions(f"group of pair {pair.name!r}", (*pair.numerator, *pair.denominator), names)
+            if not pair.numerator or not pair.denominator:
+                raise DataError(f"{self.source}: pair {pair.name!r} needs a numerator and a denominator")
+            both = sorted(set(pair.numerator) & set(pair.denominator))
+            if both:
+                raise DataError(f"{self.source}: pair {pair.name!r} has {both[0]!r} on both sides")
+        if self.mvc:
+            positions("channel of [mvc]", self.mvc, tuple(owner))
+
+    def resolve(self, muscles: Sequence[str], channels: Sequence[str] | None = None) -> EmgMap:
+        """Replace patterns by the muscles of a model and check every name.
+
+        Parameters
+        ----------
+        muscles : sequence of str
+            Muscles of the model.
+        channels : sequence of str, optional
+            Channels of the EMG; not checked without it.
+
+        Returns
+        -------
+        EmgMap
+            With names only, in the model's order.
+
+        Raises
+        ------
+        NameMismatchError
+            A muscle or channel that is not there, or a pattern that fits nothing.
+        DataError
+            A muscle in two groups.
+        """
+        owner: dict[str, str] = {}
+        groups = []
+        for group in self.groups:
+            where = f"in group {group.name!r} of {self.source}"
+            chosen = {m for pattern in group.muscles for m in matches(f"muscle {where}", pattern, muscles)}
+            names = tuple(muscles[m] for m in sorted(chosen))
+            _claim(owner, "muscle", names, group.name, self.source)
+            if channels is not None:
+                positions(f"EMG channel {where}", group.channels, channels)
+            groups.append(replace(group, muscles=names))
+        return replace(self, groups=tuple(groups))
+
+
+def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
+    """Read a map file, see the top of this module for its form.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    EmgMap
+
+    Raises
+    ------
+    DataError
+        No such file, or a map that contradicts itself.
+    FileFormatError
+        Not TOML, an unknown key, or a value of the wrong kind.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path} is not TOML: {error}") from None
+    _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
+    if content.get("format") != MAP_FORMAT:
+        raise FileFormatError(
+            f"{path} has format = {content.get('format')!r}, expected format = {MAP_FORMAT} as its first line"
+        )
+    groups = _entries(path, "groups", content, ("channels", "muscles"))
+    pairs = _entries(path, "pairs", content, ("numerator", "denominator"))
+    mvc = _table(path, "mvc", content.get("mvc", {}))
+    for channel, reference in mvc.items():
+        if (
+            isinstance(reference, bool)
+            or not isinstance(reference, int | float)
+            or not 0 < reference < math.inf
+        ):
+            raise FileFormatError(f"{path}: mvc.{channel} is {reference!r}, expected a number above 0")
+    return EmgMap(
+        groups=tuple(MuscleGroup(name=name, **lists) for name, lists in groups.items()),
+        pairs=tuple(GroupPair(name=name, **lists) for name, lists in pairs.items()),
+        mvc={channel: float(reference) for channel, reference in mvc.items()},
+        source=str(path),
+    )
+
+
+def _claim(owner: dict[str, str], kind: str, names: tuple[str, ...], group: str, source: str) -> None:
+    """Note that names belong to a group, unless one belongs to another already."""
+    for name in names:
+        if name in owner:
+            raise DataError(f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}")
+        owner[name] = group
+
+
+def _entries(
+    path: Path, key: str, content: Mapping[str, object], lists: tuple[str, ...]
+) -> dict[str, dict[str, tuple[str, ...]]]:
+    """Read a table of tables, each with lists of names; a list that is not there is empty."""
+    entries = {}
+    for name, entry in _table(path, key, content.get(key, {})).items():
+        where = f"{key}.{name!r}"
+        table = _table(path, where, entry)
+        _check_keys(path, where, table, lists)
+        entries[name] = {item: _names(path, f"{where}.{item}", table.get(item, [])) for item in lists}
+    return entries
+
+
+def _table(path: Path, where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise FileFormatError(f"{path}: {where} is {value!r}, expected a table")
+    return value
+
+
+def _check_keys(path: Path, where: str, table: Mapping[str, object], known: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in known:
+            place = f" in {where}" if where else ""
+            raise FileFormatError(f"{path}: unknown key {key!r}{place} ({nearest(key, known)})")
+
+
+def _names(path: Path, where: str, value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise FileFormatError(f"{path}: {where} is {value!r}, expected a list of names")
+    return unique_names(where, value)

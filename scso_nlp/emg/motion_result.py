@@ -1,0 +1,276 @@
+"""What a comparison needs to know of one solution, from memory or read back from a result folder."""
+
+from __future__ import annotations
+
+import glob
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.validation import BoolArray, FloatArray, read_only, unique_names
+
+if TYPE_CHECKING:
+    from scso_nlp.solution import Solution
+
+_REPORT = "report.json"
+#: Names of the statuses of frames that may be used.
+_SOLVED = ("SOLVED", "ACCEPTABLE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionResult:
+    """What a comparison needs to know of one solution.
+
+    Attributes
+    ----------
+    label : str
+        How it is called in tables and figures.
+    name : str
+        Name of the motion.
+    time : ndarray, shape (n_frames,) [s]
+    muscles : tuple of str
+    activation : ndarray, shape (n_frames, n_muscles) [-]
+        NaN allowed in frames that are not solved.
+    is_solved : ndarray of bool, shape (n_frames,)
+    stability_rows : tuple of str
+        ``"<joint>_<axis>"``.
+    stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
+    report : mapping
+        Settings, versions and times as in ``report.json``; may be empty.
+    """
+
+    label: str
+    name: str
+    time: FloatArray
+    muscles: tuple[str, ...]
+    activation: FloatArray
+    is_solved: BoolArray
+    stability_rows: tuple[str, ...] = ()
+    stability: FloatArray | None = None
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "muscles", unique_names("muscle", self.muscles))
+        set_field(self, "stability_rows", unique_names("stability row", self.stability_rows))
+        set_field(self, "report", MappingProxyType(dict(self.report)))
+        time = read_only("time", self.time, (-1,), "n_frames")
+        set_field(self, "time", time)
+        n_frames = len(time)
+        solved = np.array(self.is_solved, dtype=bool)
+        if solved.shape != (n_frames,):
+            raise DataError(f"is_solved has shape {solved.shape}, expected ({n_frames},) = (n_frames,)")
+        solved.flags.writeable = False
+        set_field(self, "is_solved", solved)
+        activation = read_only(
+            f"activation of {self.label!r}",
+            self.activation,
+            (n_frames, len(self.muscles)),
+            "n_frames, n_muscles",
+            finite=False,
+        )
+        bad = np.argwhere(~np.isfinite(activation) & solved[:, None])
+        if len(bad):
+            k, m = (int(i) for i in bad[0])
+            raise DataError(
+                f"activation of {self.label!r} is {activation[k, m]} for {self.muscles[m]} at "
+                f"t = {time[k]:g} s, in a frame that is marked as solved"
+            )
+        set_field(self, "activation", activation)
+        stability = np.zeros((n_frames, 0)) if self.stability is None else self.stability
+        shape = (n_frames, len(self.stability_rows))
+        stability = read_only(
+            f"stability of {self.label!r}", stability, shape, "n_frames, n_stability_rows", finite=False
+        )
+        set_field(self, "stability", stability)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+
+def result_of(solution: Solution, label: str) -> MotionResult:
+    """Take from a solution in memory what a comparison needs.
+
+    Parameters
+    ----------
+    solution : Solution
+    label : str
+
+    Returns
+    -------
+    MotionResult
+    """
+    # the solver's side of the package, which tables made from result folders do not need
+    trajectory = solution.problem.motion.trajectory
+    margin = solution.stability
+    report = solution.report
+    return MotionResult(
+        label=label,
+        name=trajectory.name,
+        time=trajectory.time,
+        muscles=trajectory.muscles,
+        activation=solution.activation,
+        is_solved=solution.is_solved,
+        stability_rows=() if margin is None else margin.rows,
+        stability=None if margin is None else margin.stability,
+        report={
+            "summary": solution.summary(),
+            "problem": str(solution.problem),
+            "objective_terms": dict(solution.objective_terms),
+            "violation": dict(solution.violation),
+            "solver": report.solver,
+            "iterations": report.iterations,
+            "build_seconds": report.build_seconds,
+            "solve_seconds": report.solve_seconds,
+            "options": dict(report.options),
+            "versions": dict(report.versions),
+        },
+    )
+
+
+def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
+    """Read a result folder back, as written by :func:`scso_nlp.io.results.write_solution`.
+
+    Parameters
+    ----------
+    folder : path
+        Holds ``report.json``, the activation file and, with stability rows, the stability file.
+    label : str, optional
+        The folder's name by default.
+
+    Returns
+    -------
+    MotionResult
+
+    Raises
+    ------
+    DataError
+        No such folder, or a run that was not written completely.
+    FileFormatError
+        A report or table that cannot be read as such, or that do not belong together.
+    """
+    folder = Path(folder)
+    report = _read_report(folder)
+    name = report["name"]
+    table = _only_file(folder, name, "activation.sto")
+    statuses = report["frame_status"]
+    if len(statuses) != table.n_frames:
+        raise FileFormatError(
+            f"{folder}: {_REPORT} has {len(statuses)} frames and {table.source} has {table.n_frames}: "
+            "they are not of one run"
+        )
+    muscles = _muscle_names(folder, report, table)
+    rows: tuple[str, ...] = ()
+    stability = None
+    if any(folder.glob(f"{glob.escape(name)}_stability.sto")):
+        found = read_storage(folder / f"{name}_stability.sto")
+        if found.n_frames != table.n_frames:
+            raise FileFormatError(f"{found.source} and {table.source} have different numbers of frames")
+        suffix = "_stability"
+        columns = [label for label in found.labels if label.endswith(suffix)]
+        rows = tuple(column.removesuffix(suffix) for column in columns)
+        stability = found.columns(columns)
+    return MotionResult(
+        label=folder.resolve().name if label is None else label,
+        name=name,
+        time=table.time,
+        muscles=tuple(muscles),
+        activation=table.columns(muscles),
+        is_solved=np.array([status in _SOLVED for status in statuses]),
+        stability_rows=rows,
+        stability=stability,
+        report=report,
+    )
+
+
+def read_results(
+    folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()
+) -> tuple[MotionResult, ...]:
+    """Read several result folders, each under a label of its own.
+
+    Parameters
+    ----------
+    folders : sequence of path
+    labels : sequence of str, optional
+        One per folder; otherwise the shortest ends of their paths that differ.
+
+    Returns
+    -------
+    tuple of MotionResult
+
+    Raises
+    ------
+    DataError
+        Not one label per folder, a folder given twice, or as :func:`read_result`.
+    """
+    paths = [Path(folder).resolve() for folder in folders]
+    if len(set(paths)) < len(paths):
+        raise DataError("a result folder is given twice, expected different ones")
+    if not labels:
+        depth = 1
+        while len({path.parts[-depth:] for path in paths}) < len(paths):
+            depth += 1
+        labels = ["/".join(path.parts[-depth:]) for path in paths]
+    if len(labels) != len(paths):
+        raise DataError(f"{len(labels)} labels for {len(paths)} results, expected one each")
+    return tuple(read_result(path, label) for path, label in zip(paths, labels, strict=True))
+
+
+def _read_report(folder: Path) -> dict[str, Any]:
+    """Read ``report.json`` and check what is used of it."""
+    path = folder / _REPORT
+    if not folder.is_dir():
+        raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DataError(
+            f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
+        ) from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path} is not JSON: {error}") from None
+    expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}
+    if not isinstance(report, dict) or report.get("program") != "scso_nlp":
+        raise FileFormatError(f"{path} is not a report of scso_nlp")
+    for key, kind in expected.items():
+        if not isinstance(report.get(key), kind):
+            raise FileFormatError(f"{path}: {key!r} is missing or not a {kind.__name__}")
+    if not report["name"] or any(character in report["name"] for character in "/\\\0"):
+        raise FileFormatError(f"{path}: the name {report['name']!r} cannot be the start of file names")
+    return report
+
+
+def _muscle_names(folder: Path, report: dict[str, Any], table: Storage) -> tuple[str, ...]:
+    """Tell the columns of muscles from those of reserves and residuals."""
+    problem = report["problem"]
+    names = problem.get("muscle_names")
+    if names is None and problem.get("actuators") == 0 and problem.get("muscles") == table.n_columns:
+        return table.labels
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise FileFormatError(
+            f"{folder / _REPORT} does not say which of the {table.n_columns} columns of the activation file "
+            "are muscles, expected problem.muscle_names"
+        )
+    return tuple(names)
+
+
+def _only_file(folder: Path, name: str, ending: str) -> Storage:
+    found = sorted(folder.glob(f"{glob.escape(name)}_*_{ending}"))
+    if len(found) != 1:
+        raise DataError(
+            f"{folder} has {len(found)} files {name}_*_{ending}, expected one"
+            + (f": {', '.join(path.name for path in found[:4])}" if found else "")
+        )
+    return read_storage(found[0])

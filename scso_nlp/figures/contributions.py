@@ -1,0 +1,88 @@
+"""Which muscle stabilizes which axis, as a heat map."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from scso_nlp.contributions import Contributions
+from scso_nlp.exceptions import DataError
+from scso_nlp.figures import style
+
+#: Muscles that add less than this share of what the first one adds are left out of the heat map [-].
+NEGLIGIBLE_SHARE = 0.01
+#: Muscles shown in the heat map at most.
+MOST_MUSCLES = 40
+
+
+def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST_MUSCLES) -> Figure:
+    """Draw which muscle stabilizes which axis, mean over the solved frames, as a heat map.
+
+    Parameters
+    ----------
+    contributions : Contributions
+    most_muscles : int
+        Of more muscles than this, and of those that add next to nothing, only the ones that matter most
+        are shown; the title says how many.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    DataError
+        No solved frame.
+    """
+    solved = np.isfinite(contributions.constant).all(axis=1)
+    if not solved.any():
+        raise DataError("no frame is solved, there is nothing to split")
+    values = contributions.of_muscles[solved].mean(axis=0)
+    largest = np.abs(values).max(axis=0)
+    order = np.argsort(-largest, kind="stable")[:most_muscles]
+    order = np.sort(order[largest[order] >= NEGLIGIBLE_SHARE * largest.max()])
+    shown = values[:, order]
+    names = [contributions.muscles[m] for m in order]
+    n_rows, n_columns = shown.shape
+    figure = Figure(
+        figsize=(max(5.0, 2.2 + 0.27 * n_columns), max(2.6, 1.9 + 0.27 * n_rows)),
+        dpi=style.RESOLUTION,
+        layout="constrained",
+    )
+    panel = figure.subplots()
+    limit = float(np.abs(shown).max()) or 1.0
+    image = panel.imshow(shown, cmap="RdBu", norm=Normalize(-limit, limit), aspect="auto")
+    panel.set_xticks(np.arange(n_columns), names, rotation=90, fontsize=style.TEXT - 1)
+    loads = contributions.constant[solved].mean(axis=0)
+    panel.set_yticks(
+        np.arange(n_rows),
+        [f"{row}  (load {_whole(load)})" for row, load in zip(contributions.rows, loads, strict=True)],
+        fontsize=style.TEXT - 1,
+    )
+    if n_rows * n_columns <= 200:
+        for r in range(n_rows):
+            for c in range(n_columns):
+                dark = abs(shown[r, c]) > 0.55 * limit
+                panel.text(
+                    c, r, _whole(shown[r, c]), ha="center", va="center", fontsize=style.TEXT - 2.5,
+                    color="white" if dark else "black",
+                )  # fmt: skip
+    panel.set_xticks(np.arange(n_columns + 1) - 0.5, minor=True)
+    panel.set_yticks(np.arange(n_rows + 1) - 0.5, minor=True)
+    panel.grid(which="minor", color="white", linewidth=0.8)
+    panel.tick_params(which="both", length=0)
+    title = "What each muscle adds to the stability of each axis"
+    if n_columns < len(contributions.muscles):
+        title += f" ({n_columns} of {len(contributions.muscles)} muscles)"
+    # of the figure, not of the panel: the panel may be narrower than the text
+    figure.suptitle(title, fontsize=style.TEXT + 1, x=0.01, ha="left")
+    bar = figure.colorbar(image, ax=panel, shrink=0.9)
+    bar.set_label("N·m/rad", fontsize=style.TEXT)
+    bar.ax.tick_params(labelsize=style.TEXT - 1)
+    return figure
+
+
+def _whole(value: float) -> str:
+    """Write a rounded number, without the sign of a zero."""
+    return f"{round(float(value)) + 0:d}"

@@ -1,0 +1,233 @@
+"""One self-contained HTML page about results of a motion: what was asked, what came out, how sure it is.
+
+The page needs no network and runs no script: figures stand in it as data, the style is a few lines of CSS,
+and everything that comes from files is escaped. It is plain enough for a phone and for a screen reader.
+Its frame is the template ``page.html``; here stands what goes into it.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from matplotlib.figure import Figure
+
+from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
+from scso_nlp.emg.motion_result import MotionResult
+from scso_nlp.exceptions import DataError
+from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
+from scso_nlp.figures.frames import FEW_FRAMES
+from scso_nlp.files import write_whole
+
+#: A figure larger than this as a vector is embedded as pixels instead [bytes].
+LARGEST_VECTOR = 400_000
+#: More groups than this get no panels of their own in the report; the table has them all.
+MOST_PANELS = 60
+#: Entries of one list or mapping that are shown.
+MOST_ENTRIES = 40
+
+#: What the metrics mean, in the order in which their tables stand; others come first.
+_MEANING = {
+    "mean absolute difference": "Mean over frames of |prediction - EMG|, the paper's measure.",
+    "RMSE": "Root mean squared difference from EMG.",
+    "Pearson r": "Likeness of shape at no lag, whatever the level. Not defined where a muscle stays silent.",
+    "best lagged r": "Pearson r at the lag of at most 0.2 s where it is largest.",
+    "lag of best r": "Positive: the prediction comes later than EMG.",
+    "activity ratio": "Mean activity of the first side over that of the second.",
+    "common activity": "Falconer and Winter (1985): 0 never together, 1 always equal.",
+    "co-contraction": "Rudolph et al. (2000): 0 one side silent, 2 both fully active.",
+    "mean activity": "Mean activation over the frames used, and mean EMG envelope.",
+    "peak activity": "Largest activation over the frames used, and largest EMG envelope.",
+    "smallest stability": "Least stability of the row over the frames used. Rows that are all kept do "
+    "not prove a joint stable in every direction.",
+}
+#: Entries of a result's report that stand elsewhere on the page, or nowhere.
+_SHOWN_ELSEWHERE = {"frame_status", "summary", "files_sha256", "name"}
+
+
+def _printable(value: Any) -> Any:
+    """Drop the characters that HTML does not allow; what is HTML already stays."""
+    return value if hasattr(value, "__html__") else re.sub(r"[\x00-\x08\x0b-\x1f\x7f]", "", str(value))
+
+
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.PackageLoader("scso_nlp.report", "."),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    finalize=_printable,
+    keep_trailing_newline=True,
+)
+
+
+def write_report(
+    comparison: Comparison,
+    path: str | os.PathLike[str],
+    *,
+    figures: Mapping[str, Figure] | None = None,
+    pictures: Iterable[str | os.PathLike[str]] = (),
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    path : path
+        The ``.html`` file; an existing one is replaced.
+    figures : mapping of str to Figure, optional
+        More figures, by caption, below the standard ones.
+    pictures : iterable of path
+        PNG files to embed, e.g. those of the result folders.
+
+    Raises
+    ------
+    DataError
+        A picture that is no PNG file, or a page that cannot be written.
+    """
+    text = render_report(comparison, figures=figures, pictures=pictures)
+    with write_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def render_report(
+    comparison: Comparison,
+    *,
+    figures: Mapping[str, Figure] | None = None,
+    pictures: Iterable[str | os.PathLike[str]] = (),
+) -> str:
+    """Make the page's text, see :func:`write_report`.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    drawn = {**_standard_figures(comparison), **(figures or {})}
+    addresses = {caption: _figure_address(figure) for caption, figure in drawn.items()}
+    addresses.update(_picture(path) for path in map(Path, pictures))
+    return _TEMPLATES.get_template("page.html").render(
+        name=comparison.results[0].name,
+        extent=_extent(comparison),
+        has_emg=comparison.emg is not None,
+        results=[_result(result) for result in comparison.results],
+        figures=addresses,
+        has_intervals=any(not math.isnan(row.low) for row in comparison.rows),
+        tables=_tables(comparison.rows),
+    )
+
+
+def _extent(comparison: Comparison) -> str:
+    used, n_frames = int(comparison.is_used.sum()), len(comparison.time)
+    first, last = float(comparison.time[0]), float(comparison.time[-1])
+    return f"{n_frames} frames over {last - first:.4g} s, from t = {first:.14g} s. " + (
+        "All frames are used below."
+        if used == n_frames
+        else f"Tables use the {used} frames that all results have solved."
+    )
+
+
+def _result(result: MotionResult) -> dict[str, Any]:
+    solved, report = int(result.is_solved.sum()), result.report
+    seconds = report.get("seconds")
+    seconds = seconds.get("solve") if isinstance(seconds, Mapping) else report.get("solve_seconds")
+    return {
+        "label": result.label,
+        "solved": f"{solved} of {result.n_frames}",
+        "is_failed": solved < result.n_frames,
+        "summary": report.get("summary", ""),
+        "time": f"{seconds:.3g} s" if isinstance(seconds, int | float) else "",
+        "facts": list(_facts("", {k: v for k, v in report.items() if k not in _SHOWN_ELSEWHERE})),
+    }
+
+
+def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
+    if len(comparison.groups) > MOST_PANELS:
+        return {}
+    figures = {
+        "Mean activation of every group. Whiskers on EMG: standard deviation over the frames.": (
+            plot_mean_activity(comparison)
+        )
+    }
+    if len(comparison.time) <= FEW_FRAMES:
+        figures["Activation in every task, by its time."] = plot_task_bars(comparison)
+    else:
+        figures["Activation over the motion. Frames that are not solved are left blank."] = plot_activity(
+            comparison
+        )
+    return figures
+
+
+def _picture(path: Path) -> tuple[str, str]:
+    """Give caption and address of a PNG file."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    if not content.startswith(b"\x89PNG\r\n\x1a\n"):
+        raise DataError(f"{path} is not a PNG file, expected one to embed")
+    return f"{path.parent.name}: {path.stem.replace('_', ' ')}", _address("image/png", content)
+
+
+def _figure_address(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    if buffer.tell() <= LARGEST_VECTOR:
+        return _address("image/svg+xml", buffer.getvalue())
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return _address("image/png", buffer.getvalue())
+
+
+def _address(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _tables(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
+    """One table per metric: groups down, results across."""
+    by_metric: dict[str, list[ComparisonRow]] = {}
+    for row in rows:
+        by_metric.setdefault(row.metric, []).append(row)
+    order = list(_MEANING)
+    metrics = sorted(by_metric, key=lambda metric: order.index(metric) if metric in _MEANING else -1)
+    return [_table(metric, by_metric[metric]) for metric in metrics]
+
+
+def _table(metric: str, rows: Sequence[ComparisonRow]) -> dict[str, Any]:
+    columns = list(dict.fromkeys(row.result for row in rows))
+    notes = list(dict.fromkeys(row.note for row in rows if row.note))
+    found = {(row.group, row.result): format_number(row, notes) for row in rows}
+    groups = dict.fromkeys(row.group for row in rows)
+    unit = "" if rows[0].unit == "-" else f" [{rows[0].unit}]"
+    return {
+        "metric": metric,
+        "meaning": _MEANING.get(metric, "") + unit,
+        "columns": columns,
+        "lines": {group: [found.get((group, column), "") for column in columns] for group in groups},
+        "notes": notes,
+    }
+
+
+def _facts(prefix: str, facts: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    """List settings as label and value, mappings within mappings flattened."""
+    for position, (key, value) in enumerate(facts.items()):
+        if position == MOST_ENTRIES:
+            yield f"{prefix}…", f"{len(facts) - MOST_ENTRIES} more"
+            return
+        label = f"{prefix}{key}".replace("_", " ")
+        if isinstance(value, Mapping):
+            yield from _facts(f"{label}: ", value)
+        elif isinstance(value, list | tuple):
+            shown = [
+                str(item["text"]) if isinstance(item, Mapping) and "text" in item else str(item)
+                for item in value
+            ]
+            rest = f" … and {len(shown) - MOST_ENTRIES} more" if len(shown) > MOST_ENTRIES else ""
+            yield label, "\n".join(shown[:MOST_ENTRIES]) + rest
+        elif value is not None:
+            yield label, f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,58 @@
+"""A file is there whole or not at all."""
+
+import pytest
+
+from scso_nlp.exceptions import DataError
+from scso_nlp.files import sha256, write_whole
+
+
+def test_the_file_appears_when_the_block_ends(tmp_path):
+    path = tmp_path / "table.csv"
+    with write_whole(path) as temporary:
+        temporary.write_text("new")
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".csv"
+        assert not path.exists()
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_block_that_raises_leaves_the_old_file_and_nothing_else(tmp_path, error):
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+
+    def write_half():
+        with write_whole(path) as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_the_operating_system_refuses_is_one_sentence(tmp_path):
+    path = tmp_path / "nowhere" / "table.csv"
+    with (
+        pytest.raises(DataError, match=r"table\.csv cannot be written: No such file or directory"),
+        write_whole(path) as temporary,
+    ):
+        temporary.write_text("new")
+    (tmp_path / "folder.csv").mkdir()
+    with (
+        pytest.raises(DataError, match=r"folder\.csv cannot be written: "),
+        write_whole(tmp_path / "folder.csv") as temporary,
+    ):
+        temporary.write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.csv"]
+
+
+def test_the_hash_is_that_of_the_standard(tmp_path):
+    path = tmp_path / "abc"
+    path.write_bytes(b"abc")
+    # FIPS 180-4, example of SHA-256
+    assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    with pytest.raises(DataError, match=r"nothing cannot be read: No such file"):
+        sha256(tmp_path / "nothing")
