@@ -22,6 +22,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.files import sha256
 from scso_nlp.io.storage import Storage, write_storage
@@ -187,7 +188,7 @@ def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
     own, analysis = re.escape(name), re.escape(analysis_name)
     return re.compile(
         rf"{own}_{analysis}_(activation\.sto|force\.sto|controls\.xml)|{own}_(stability|status)\.sto"
-        rf"|{own}_(activations|moments|stability)\.(png|pdf)"
+        rf"|{own}_(activations|moments|stability|contributions)\.(png|pdf)"
     )
 
 
@@ -331,7 +332,13 @@ def _violation(rows: RowResult | MatrixResult) -> FloatArray:
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
     # matplotlib takes half a second to import, and only figures need it
-    from scso_nlp.figures import plot_activations, plot_moments, plot_stability, save_figure
+    from scso_nlp.figures import (
+        plot_activations,
+        plot_contributions,
+        plot_moments,
+        plot_stability,
+        save_figure,
+    )
 
     drawn = {
         "activations": plot_activations(solution, baseline=baseline),
@@ -339,6 +346,8 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
     }
     if solution.stability is not None and solution.stability.rows:
         drawn["stability"] = plot_stability(solution, baseline=baseline)
+        if solution.is_solved.any():
+            drawn["contributions"] = plot_contributions(row_contributions(solution))
     for what, figure in drawn.items():
         save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
 

@@ -11,7 +11,7 @@ from scso_nlp.figures import plot_muscle_lines
 
 
 def test_muscle_lines_run_through_the_path_points_and_carry_their_activation():
-    skeleton = antagonists(3)[0].skeleton
+    skeleton = antagonists(3).trajectory.skeleton
     activation = np.array([[0.1, 0.2], [0.6, 0.3], [0.0, 0.4]])
     figure = drawn(plot_muscle_lines(skeleton, activation, [1], titles=["start"]))
     side, front = (panel for panel in figure.axes[:2])
@@ -35,4 +35,4 @@ def test_muscle_lines_run_through_the_path_points_and_carry_their_activation():
 )
 def test_muscle_lines_refuse_frames_that_are_not_there(frames, titles, message):
     with pytest.raises(DataError, match=message):
-        plot_muscle_lines(antagonists(3)[0].skeleton, np.zeros((3, 2)), frames, titles=titles)
+        plot_muscle_lines(antagonists(3).trajectory.skeleton, np.zeros((3, 2)), frames, titles=titles)

@@ -82,7 +82,9 @@ def header(path: Path) -> list[str]:
 
 def test_a_solved_motion_leaves_every_file_and_nothing_else(tmp_path):
     written = write_solution(solution_by_hand(), tmp_path / "results")
-    stability_figures = {"antagonists_stability.png", "antagonists_stability.pdf"}
+    stability_figures = {
+        f"antagonists_{what}.{kind}" for what in ("stability", "contributions") for kind in ("png", "pdf")
+    }
     assert files(tmp_path / "results") == RESULTS | ALWAYS | {STABILITY} | FIGURES | stability_figures
     assert {path.name for path in written} == files(tmp_path / "results")
     assert files(tmp_path) == {"results"}
