@@ -15,7 +15,8 @@ from scso_nlp.constraints import CoordinateStability, HessianStability, JointSta
 from scso_nlp.io.results import RunRecord, write_solution
 from scso_nlp.muscle_models import CompliantTendon, MuscleModel, NoPhysiology, RigidTendon
 from scso_nlp.objectives import ActivationEffort
-from scso_nlp.opensim.engine import Motion, input_hashes, load_motion
+from scso_nlp.opensim.assemble import Motion
+from scso_nlp.opensim.engine import input_hashes, load_motion
 from scso_nlp.problem import MuscleForceProblem, static_optimization
 from scso_nlp.settings import OutputSettings, RunSettings
 from scso_nlp.solution import Solution
