@@ -20,25 +20,12 @@ MIN_FRAMES = 6
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedInput:
-    """A motion input whose files were read and found usable.
-
-    Attributes
-    ----------
-    motion : MotionInput
-    table : Storage
-        The motion file.
-    in_degrees : bool
-        Unit of its angles.
-    unusable : mapping of str to str
-        Columns that are not finite everywhere, and where they are not: refused if a coordinate needs them.
-    speeds : Storage or None
-    loads : LoadSource or None
-    """
+    """A motion input whose files were read and found usable."""
 
     motion: MotionInput
-    table: Storage
-    in_degrees: bool
-    unusable: Mapping[str, str]
+    table: Storage  # the motion file
+    in_degrees: bool  # unit of its angles
+    unusable: Mapping[str, str]  # columns that are not finite everywhere, refused if a coordinate needs them
     speeds: Storage | None
     loads: LoadSource | None
 

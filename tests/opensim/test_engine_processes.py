@@ -151,6 +151,31 @@ def test_it_works_beside_casadi_and_after_someone_imported_opensim(first: str, t
     assert int(done.stdout.split()[-1]) == 71
 
 
+def test_workers_run_the_copy_of_the_package_that_starts_them(tiny: Tiny) -> None:
+    """Even if another one is installed, and whatever lies in the current folder."""
+    copy = tiny.folder / "scso_nlp"
+    shutil.copytree(Path(crew.__file__).parents[1], copy, ignore=shutil.ignore_patterns("__pycache__"))
+    _replace(
+        copy / "opensim" / "worker" / "muscles.py", "getMaxIsometricForce()", "getMaxIsometricForce() + 1"
+    )
+    (tiny.folder / "opensim.py").write_text("raise ImportError('a script of the user')")
+    script = f"""
+        from scso_nlp import load_motion
+        _, muscles, _ = load_motion({str(tiny.setup)!r}, processes=1)
+        print(muscles.max_isometric_force[0])
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tiny.folder,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == 801
+
+
 def test_the_environment_of_workers_has_no_folder_with_a_foreign_casadi(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
