@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,19 +72,16 @@ def path_arrays(
 
     Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
     """
-    every = [
-        _current_points(path, state, bodies)
-        if path.fixed is None
-        else _in_ground(path.fixed, rotations, origins)
-        for path in paths
-    ]
+    every = [path.fixed or _current_points(path, state, bodies) for path in paths]
     n_muscles, n_points = len(every), max(len(points.bodies) for points in every)
     locations = np.zeros((n_muscles, n_points, 3))
     owners = np.full((n_muscles, n_points), -1, dtype=np.int64)
     moves = np.zeros((n_muscles, n_points), dtype=bool)
-    for m, points in enumerate(every):
-        n = len(points.bodies)
-        locations[m, :n], owners[m, :n], moves[m, :n] = points.locations, points.bodies, points.moves
+    for m, (path, points) in enumerate(zip(paths, every, strict=True)):
+        n, own, places = len(points.bodies), points.bodies, points.locations
+        if path.fixed is not None:
+            places = np.einsum("pij,pj->pi", rotations[own], places) + origins[own]
+        locations[m, :n], owners[m, :n], moves[m, :n] = places, own, points.moves
     return {"path_points": locations, "path_point_bodies": owners, "path_point_moves": moves}
 
 
@@ -180,11 +177,6 @@ def _current_points(path: MusclePath, state: osim.State, bodies: Bodies) -> Path
         [point.getLocationInGround(state).to_numpy() for point in points],
         [point.getConcreteClassName() in ("PathWrapPoint", "MovingPathPoint") for point in points],
     )
-
-
-def _in_ground(points: PathPoints, rotations: FloatArray, origins: FloatArray) -> PathPoints:
-    locations = np.einsum("pij,pj->pi", rotations[points.bodies], points.locations) + origins[points.bodies]
-    return replace(points, locations=locations)
 
 
 def _points(bodies: list[int], locations: list[FloatArray], moves: list[bool]) -> PathPoints:

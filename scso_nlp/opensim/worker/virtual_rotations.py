@@ -122,9 +122,9 @@ class VirtualRotations:
         self._set_free(row.joint, [*angles, *shift.tolist()])
         self._model.realizePosition(self._state)
         first = self._free[row.joint][1]
-        generalized = self._path_forces.columns(self._state, row.crossing)[first : first + 6]
-        arms = [axis @ (own[:3] + np.cross(shift - center, own[3:])) for own in generalized.T]
-        return np.array(arms)
+        generalized = self._path_forces.columns(self._state, row.crossing)[first : first + 6].T
+        torques = generalized[:, :3] + np.cross(shift - center, generalized[:, 3:])
+        return np.array([axis @ torque for torque in torques])
 
 
 def _row(model: Model, joint: int, axis: int) -> _Row:
