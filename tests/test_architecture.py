@@ -62,8 +62,10 @@ LAYERS = (
     "cli",
 )
 
-#: The one file that may import OpenSim; it runs in a process of its own.
+#: The one package that may import OpenSim; it runs in processes of its own.
 WORKER = "scso_nlp.opensim.worker"
+#: All that a worker may load of this package besides itself.
+OF_USE_TO_THE_WORKER = ("scso_nlp", "scso_nlp.exceptions", "scso_nlp.opensim", "scso_nlp.validation")
 
 #: Parts that work without CasADi, so that they can share a process with OpenSim or start fast.
 WITHOUT_CASADI = (
@@ -81,6 +83,8 @@ WITHOUT_CASADI = (
     "scso_nlp.io.bundle",
     "scso_nlp.emg",
     "scso_nlp.opensim.setup_xml",
+    "scso_nlp.opensim.worker.exchange",
+    "scso_nlp.opensim.worker.process",
     "scso_nlp.opensim.engine",
     "scso_nlp.examples",
     "scso_nlp.declared_settings",
@@ -144,14 +148,14 @@ ALL_MODULES = frozenset(module_name(path) for path in FILES)
 
 
 def arrows_up(sources: dict[str, frozenset[str]]) -> list[str]:
-    """Imports from a room above one's own; the package's own list of public names is left out."""
+    """Imports from a room above one's own; the package itself, which knows all public names, is above all."""
     return [
         f"{module} -> {other}"
         for module, others in sources.items()
         for other in sorted(others)
         if module != "scso_nlp"
         and room(other) != room(module)
-        and LAYERS.index(room(other)) > LAYERS.index(room(module))
+        and (*LAYERS, "").index(room(other)) > LAYERS.index(room(module))
     ]
 
 
@@ -183,8 +187,28 @@ def test_only_the_solver_and_the_list_of_public_names_know_the_transcription():
     assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solve"}
 
 
+#: Modules that a process with CasADi cannot import.
+WITH_OPENSIM = [module_name(path) for path in FILES if "opensim" in imports(path)]
+
+
 def test_only_the_worker_imports_opensim():
-    assert [module_name(path) for path in FILES if "opensim" in imports(path)] == [WORKER]
+    assert f"{WORKER}.model" in WITH_OPENSIM
+    assert [name for name in WITH_OPENSIM if not name.startswith(f"{WORKER}.")] == []
+
+
+@pytest.mark.opensim
+def test_a_worker_loads_nothing_of_the_package_but_its_own_files():
+    """It would pay for the rest with every start, and CasADi cannot live beside OpenSim."""
+    program = (
+        f"import sys, {', '.join(WITH_OPENSIM)}\n"
+        "print(*(name for name in sys.modules if name.split('.')[0] in ('scso_nlp', 'casadi')))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    loaded = done.stdout.splitlines()[-1].split()
+    assert f"{WORKER}.extraction" in loaded
+    others = [name for name in loaded if name != WORKER and not name.startswith(f"{WORKER}.")]
+    assert sorted(others) == sorted(OF_USE_TO_THE_WORKER)
 
 
 def test_parts_that_promise_it_do_without_casadi_and_opensim():
@@ -261,7 +285,7 @@ def test_an_unknown_public_name_is_an_attribute_error():
 
 def _import_all() -> None:
     for name in MODULES:
-        if name != WORKER:
+        if name not in WITH_OPENSIM:
             importlib.import_module(name)
 
 
@@ -418,7 +442,7 @@ THINGS = [
     (name, thing)
     for module in MODULES
     # Commands of the command line are documented by their options' help texts.
-    if module != WORKER and not module.startswith("scso_nlp.cli")
+    if module not in WITH_OPENSIM and not module.startswith("scso_nlp.cli")
     for name, thing in _own(module)
 ]
 FUNCTIONS = [(name, thing) for name, thing in THINGS if inspect.isfunction(thing)]
@@ -444,7 +468,7 @@ def _section(doc: str, title: str) -> list[str] | None:
     return names
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name != WORKER])
+@pytest.mark.parametrize("module", [name for name in MODULES if name not in WITH_OPENSIM])
 def test_every_module_class_and_function_is_documented(module):
     assert importlib.import_module(module).__doc__
     missing = [name for name, thing in _own(module) if not inspect.getdoc(thing)]
@@ -457,8 +481,9 @@ def test_documented_parameters_are_those_of_the_signature(name, function):
     actual = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
     if documented is None:
         # One line is enough where names and annotations say it all: methods, small functions, and inside
-        # the transcription, which no user calls.
-        short = len(actual) <= 3 or "." in function.__qualname__ or ".transcription." in name
+        # the transcription and the worker, which no user calls.
+        internal = ".transcription." in name or name.startswith(f"{WORKER}.")
+        short = len(actual) <= 3 or "." in function.__qualname__ or internal
         assert short, f"{name} has no Parameters section"
     else:
         assert documented == actual

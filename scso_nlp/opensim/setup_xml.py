@@ -10,7 +10,6 @@ import logging
 import math
 import os
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -295,15 +294,13 @@ def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
     )
 
 
-def read_external_loads(path: Path, near: Path | None = None) -> LoadSource:
+def read_external_loads(path: Path) -> LoadSource:
     """Read an ExternalLoads file and find its data file.
 
     Parameters
     ----------
     path : Path
-        The XML file; the data file is relative to its folder, or else to `near`.
-    near : Path or None
-        Another folder to look in.
+        The XML file; the data file is relative to its folder.
 
     Returns
     -------
@@ -326,8 +323,6 @@ def read_external_loads(path: Path, near: Path | None = None) -> LoadSource:
     if element is None or not text:
         raise DataError(f"{path}: datafile is empty, expected the path of a .mot or .sto file")
     data = reader.path(text)
-    if not data.exists() and near is not None:
-        data = _below(near, text) if _below(near, text).exists() else data
     if not data.is_file():
         raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
     element.text = str(data)
@@ -458,10 +453,7 @@ class _Reader:
             return ()
         if self.path(text).is_file():
             return (self.path(text),)
-        return tuple(self._existing(name, part) for part in self._parts(text))
-
-    def _parts(self, text: str) -> Iterable[str]:
-        return re.split(r"\s+", text)
+        return tuple(self._existing(name, part) for part in text.split())
 
     def _existing(self, name: str, text: str) -> Path:
         path = self.path(text)

@@ -4,6 +4,7 @@ import dataclasses
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +19,8 @@ from tiny_model import Tiny, setup_text, write_motion
 
 from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMismatchError, ScsoError
 from scso_nlp.io.bundle import read_provenance
-from scso_nlp.opensim import engine, load_motion
+from scso_nlp.opensim import crew, engine
+from scso_nlp.opensim.engine import load_motion
 from scso_nlp.opensim.setup_xml import read_analyze_setup
 
 pytestmark = pytest.mark.opensim
@@ -65,11 +67,8 @@ def test_a_second_load_from_the_cache_needs_no_opensim(tiny: Tiny, monkeypatch: 
     assert str(tiny.model) in provenance.inputs
     assert str(tiny.folder / "hand.mot") in provenance.inputs
 
-    def forbidden(*_: object, **__: object) -> None:
-        raise AssertionError("started a process")
-
     with monkeypatch.context() as patch:
-        patch.setattr(subprocess, "Popen", forbidden)
+        patch.setattr(subprocess, "Popen", _forbidden)
         again = load_motion(tiny.setup, cache=cache, curvature_coordinates="all")
         assert_identical(first, again)
         tiny.model.write_text(tiny.model.read_text().replace("<mass>2.0</mass>", "<mass>2.5</mass>"))
@@ -78,6 +77,30 @@ def test_a_second_load_from_the_cache_needs_no_opensim(tiny: Tiny, monkeypatch: 
     heavier = load_motion(tiny.setup, cache=cache)
     assert len(list(cache.iterdir())) == 2
     assert np.abs(heavier.trajectory.generalized_forces - first.trajectory.generalized_forces).max() > 0.05
+
+
+def test_a_change_in_any_file_of_the_worker_makes_the_cache_old(
+    tiny: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache, worker = tiny.folder / "cache", tiny.folder / "worker"
+    shutil.copytree(engine.WORKER, worker, ignore=shutil.ignore_patterns("__pycache__"))
+    load_motion(tiny.setup, cache=cache)
+    monkeypatch.setattr(engine, "WORKER", worker)
+    monkeypatch.setattr(crew, "extract", _forbidden)
+    load_motion(tiny.setup, cache=cache)
+    files = sorted(worker.glob("*.py"))
+    assert {"__init__.py", "model.py", "paths.py", "elimination.py"} <= {file.name for file in files}
+    for file in files:
+        before = file.read_bytes()
+        file.write_bytes(before + b"# changed\n")
+        with pytest.raises(AssertionError, match="started a process"):
+            load_motion(tiny.setup, cache=cache)
+        file.write_bytes(before)
+    load_motion(tiny.setup, cache=cache)
+
+
+def _forbidden(*_: object, **__: object) -> None:
+    raise AssertionError("started a process")
 
 
 def test_a_damaged_cache_is_computed_again(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
@@ -108,7 +131,7 @@ def test_it_works_beside_casadi_and_after_someone_imported_opensim(first: str, t
         import os
         import {first}
         before = dict(os.environ)
-        from scso_nlp.opensim import load_motion
+        from scso_nlp import load_motion
         trajectory = load_motion({str(tiny.setup)!r}, processes=1).trajectory
         assert dict(os.environ) == before
         print(trajectory.n_frames)
@@ -125,6 +148,31 @@ def test_it_works_beside_casadi_and_after_someone_imported_opensim(first: str, t
     assert int(done.stdout.split()[-1]) == 71
 
 
+def test_workers_run_the_copy_of_the_package_that_starts_them(tiny: Tiny) -> None:
+    """Even if another one is installed, and whatever lies in the current folder."""
+    copy = tiny.folder / "scso_nlp"
+    shutil.copytree(Path(crew.__file__).parents[1], copy, ignore=shutil.ignore_patterns("__pycache__"))
+    _replace(
+        copy / "opensim" / "worker" / "muscles.py", "getMaxIsometricForce()", "getMaxIsometricForce() + 1"
+    )
+    (tiny.folder / "opensim.py").write_text("raise ImportError('a script of the user')")
+    script = f"""
+        from scso_nlp import load_motion
+        muscles = load_motion({str(tiny.setup)!r}, processes=1).muscles
+        print(muscles.max_isometric_force[0])
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tiny.folder,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == 801
+
+
 def test_the_environment_of_workers_has_no_folder_with_a_foreign_casadi(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,7 +181,7 @@ def test_the_environment_of_workers_has_no_folder_with_a_foreign_casadi(
         folder.mkdir()
     (foreign / "libcasadi.so.3.7").touch()
     monkeypatch.setenv("LD_LIBRARY_PATH", f"{foreign}{os.pathsep}{plain}")
-    assert engine.worker_environment()["LD_LIBRARY_PATH"] == str(plain)
+    assert crew.worker_environment()["LD_LIBRARY_PATH"] == str(plain)
     assert os.environ["LD_LIBRARY_PATH"] == f"{foreign}{os.pathsep}{plain}"
 
 
@@ -144,20 +192,23 @@ def _children() -> list[int]:
     return found
 
 
+#: Makes a worker take its time over every frame.
+SLOW = """
+import time
+from scso_nlp.opensim.worker.extraction import Extraction
+fast = Extraction.frame
+Extraction.frame = lambda self, row: (time.sleep(0.05), fast(self, row))[1]
+"""
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the worker in /proc")
 @pytest.mark.parametrize("moment", ["start", "half-way"])
 def test_a_worker_killed_from_outside_ends_the_run_with_its_name(
     moment: str, tiny: Tiny, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "WORKER", tiny.folder / "slow_worker.py")
-    source = Path(engine.__file__).with_name("worker.py").read_text()
     # the same worker, but slow enough to be met half-way
-    slow = source.replace(
-        "frame = engine.frame(motion, int(row))",
-        "frame = engine.frame(motion, int(row))\n" + 8 * " " + "clock.sleep(0.05)",
-    )
-    assert slow != source
-    (tiny.folder / "slow_worker.py").write_text(slow)
+    monkeypatch.setattr(crew, "PROGRAM", crew.PROGRAM.replace("sys.exit(main(", SLOW + "sys.exit(main("))
+    assert SLOW in crew.PROGRAM
     before = set(_children())
     seen: list[int] = []
 

@@ -1,0 +1,100 @@
+"""The arrays of all workers, put together to a motion, with the words that belong to it."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from scso_nlp.motion import Motion
+from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+from scso_nlp.opensim.setup_xml import MotionInput
+from scso_nlp.opensim.worker.exchange import Result, joined
+from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
+
+logger = logging.getLogger("scso_nlp")
+
+#: Speeds of coupled coordinates that contradict the constraints by more are reported [rad/s or m/s].
+CONTRADICTION = 0.05
+#: At most this many muscles are named in one message.
+NAMED_MUSCLES = 8
+
+
+def assemble(motion: MotionInput, results: list[Result]) -> Motion:
+    """Turn what the workers found into frozen data, and log what they noted.
+
+    Parameters
+    ----------
+    motion : MotionInput
+    results : list of Result
+        In the order of the frames; their arrays are taken out of them.
+
+    Returns
+    -------
+    Motion
+    """
+    header = results[0].header
+    for level, note in header["log"]["notes"]:
+        logger.log(logging.getLevelNamesMapping()[level], "%s", note)
+    for part, result in enumerate(results):
+        own = result.header["log"]
+        logger.debug(
+            "worker %d: startup %.2f s, %d frames in %.2f s, peak memory %.0f MB",
+            part,
+            own["startup_seconds"],
+            len(result.arrays["trajectory.time"]),
+            own["frame_seconds"],
+            own["peak_memory"] / 1e6,
+        )
+    fields: dict[str, dict[str, Any]] = {"curvature": {}, **header}
+    for name, array in joined([result.arrays for result in results]).items():
+        group, field = name.split(".")
+        fields[group][field] = array
+    _report_contradictions(motion, fields["log"])
+    curvature = CoordinateCurvature(**fields["curvature"]) if fields["curvature"] else None
+    muscles, actuators = MuscleParameters(**fields["muscles"]), ActuatorParameters(**fields["actuators"])
+    if curvature is not None:
+        _report_uncertainty(motion, muscles, curvature)
+    trajectory = MotionTrajectory(
+        name=motion.name, skeleton=Skeleton(**fields["skeleton"]), curvature=curvature, **fields["trajectory"]
+    )
+    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+
+
+def _report_contradictions(motion: MotionInput, log: dict[str, Any]) -> None:
+    worst = log["contradictions"].max(axis=0)
+    large = [
+        (name, change)
+        for name, change in zip(log["eliminated"], worst, strict=True)
+        if change > CONTRADICTION
+    ]
+    if not large:
+        return
+    taken = "OpenSim uses them and so do we; set keep_coupled_speeds=false to take them from the constraints"
+    if not motion.keep_coupled_speeds:
+        taken = "as asked, they were taken from the constraints, which OpenSim does not do"
+    logger.warning(
+        "%s: the speeds of coupled coordinates contradict the model's constraints (%s rad/s or m/s): %s",
+        motion.motion,
+        ", ".join(f"{name} by up to {change:.3g}" for name, change in large),
+        taken,
+    )
+
+
+def _report_uncertainty(
+    motion: MotionInput, muscles: MuscleParameters, curvature: CoordinateCurvature
+) -> None:
+    frames = curvature.is_uncertain.sum(axis=0)
+    order = [m for m in np.argsort(-frames, kind="stable") if frames[m]]
+    if not order:
+        return
+    named = ", ".join(f"{muscles.muscles[m]} in {frames[m]}" for m in order[:NAMED_MUSCLES])
+    more = f", and {len(order) - NAMED_MUSCLES} more muscles" if len(order) > NAMED_MUSCLES else ""
+    logger.warning(
+        "%s: the curvature of paths is uncertain in frames where they change their points or have kinks "
+        "(%s%s); these are marked in trajectory.curvature.is_uncertain",
+        motion.motion,
+        named,
+        more,
+    )

@@ -1,0 +1,97 @@
+"""Coordinates of a model in multibody tree order, and what the model does with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import opensim as osim
+
+from scso_nlp.exceptions import EngineError
+from scso_nlp.validation import BoolArray, FloatArray
+
+#: Couplers may look at coordinates that are coupled themselves: most rounds until all have followed.
+MOST_ROUNDS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupler:
+    """A coordinate that is a function of others, times a scale."""
+
+    target: int
+    where: list[int]
+    function: osim.Function
+    scale: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coordinates:
+    """All coordinates, in the order of the mobilities: n_u of them, as many as every list and array here."""
+
+    items: list[osim.Coordinate]
+    names: list[str]
+    is_rotational: BoolArray  # coupled motions (translation and rotation in one) included
+    scales_with_degrees: BoolArray  # these not: OpenSim takes them as they are
+    is_locked: BoolArray
+    is_prescribed: BoolArray
+    is_set_by_model: BoolArray  # locked, prescribed or coupled
+    couplers: list[Coupler]
+
+    def follow(self, values: FloatArray) -> None:
+        """Give coupled coordinates the values that their couplers ask for, in place, shape (n_u,)."""
+        for _ in range(min(len(self.couplers), MOST_ROUNDS)):
+            for coupler in self.couplers:
+                argument = osim.Vector.createFromMat(np.ascontiguousarray(values[coupler.where]))
+                values[coupler.target] = coupler.scale * coupler.function.calcValue(argument)
+
+
+def read_coordinates(model: osim.Model, state: osim.State) -> Coordinates:
+    """Find a model's coordinates; the state must be realized to velocity."""
+    by_path = {}
+    coordinates = model.getCoordinateSet()
+    for i in range(coordinates.getSize()):
+        by_path[coordinates.get(i).getAbsolutePathString()] = coordinates.get(i)
+    # getCoordinatesInMultibodyTreeOrder() returns nothing usable in Python
+    paths = state_variables(model)
+    items = [by_path[path.removesuffix("/value")] for path in paths if path.endswith("/value")]
+    if len(items) != state.getNU():
+        raise EngineError(
+            f"the model has {state.getNU()} mobilities but {len(items)} coordinates, expected as many"
+        )
+    names = [coordinate.getName() for coordinate in items]
+    kinds = [int(coordinate.getMotionType()) for coordinate in items]
+    return Coordinates(
+        items=items,
+        names=names,
+        is_rotational=np.array([kind != 2 for kind in kinds]),
+        scales_with_degrees=np.array([kind == 1 for kind in kinds]),
+        is_locked=np.array([coordinate.getLocked(state) for coordinate in items]),
+        is_prescribed=np.array([coordinate.isPrescribed(state) for coordinate in items]),
+        is_set_by_model=np.array([coordinate.isConstrained(state) for coordinate in items]),
+        couplers=_read_couplers(model, state, names),
+    )
+
+
+def state_variables(model: osim.Model) -> list[str]:
+    """Return the paths of all state variables, coordinates first, in tree order."""
+    return list(osim.createStateVariableNamesInSystemOrder(model))
+
+
+def _read_couplers(model: osim.Model, state: osim.State, names: list[str]) -> list[Coupler]:
+    couplers = []
+    constraints: Any = model.getConstraintSet()
+    for i in range(constraints.getSize()):
+        coupler = osim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
+        if coupler is None or not coupler.isEnforced(state):
+            continue
+        independent = coupler.getIndependentCoordinateNames()
+        couplers.append(
+            Coupler(
+                target=names.index(coupler.getDependentCoordinateName()),
+                where=[names.index(independent.get(j)) for j in range(independent.getSize())],
+                function=coupler.getFunction(),
+                scale=osim.PropertyHelper.getValueDouble(coupler.getPropertyByName("scale_factor")),
+            )
+        )
+    return couplers

@@ -1,0 +1,163 @@
+"""A model and a motion, ready for any row: the worker's pieces put together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import opensim as osim
+from numpy.typing import NDArray
+
+from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
+from scso_nlp.opensim.worker.dynamics import Dynamics
+from scso_nlp.opensim.worker.exchange import Job
+from scso_nlp.opensim.worker.model import Model
+from scso_nlp.opensim.worker.motion import Note, read_kinematics
+from scso_nlp.opensim.worker.muscles import actuator_parameters, muscle_parameters
+from scso_nlp.opensim.worker.paths import path_arrays
+from scso_nlp.opensim.worker.poses import Pose, Poses
+from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
+from scso_nlp.opensim.worker.virtual_rotations import VirtualRotations
+from scso_nlp.validation import IntArray
+
+
+class Extraction:
+    """Turns rows of a motion into the arrays of a trajectory.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        The rows to analyze.
+    """
+
+    def __init__(self, job: Job) -> None:
+        osim.Logger.setLevelString("Info")
+        settings = job.settings
+        self._model = Model(settings)
+        self._kinematics = read_kinematics(job, self._model)
+        self._poses = Poses(
+            self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
+        )
+        self._dynamics = Dynamics(self._model, self._poses.elimination)
+        self._virtual = VirtualRotations(self._model, settings) if settings["stability_axes"] else None
+        chosen = settings["curvature_coordinates"]
+        self._derivatives = (
+            CoordinateDerivatives(self._model, self._poses.elimination, self._dynamics, chosen)
+            if chosen
+            else None
+        )
+        self.rows: IntArray = self._kinematics.rows
+
+    def frame(self, row: int) -> dict[str, NDArray[Any]]:
+        """Return everything that belongs to a row, by data class and field, each with a first axis of one."""
+        model = self._model
+        pose = self._poses.at(row)
+        joints = model.joints.at(pose.state, pose.rotations, pose.origins)
+        loads = model.loads.at(pose.state)
+        columns = model.path_forces.columns(pose.state, range(len(model.paths)))
+        moment_arms = pose.coupling.T @ columns
+        found: dict[str, dict[str, Any]] = {
+            "trajectory": {
+                **self._motion(pose),
+                **self._muscles(pose),
+                "moment_arms": moment_arms,
+                **self._dynamics.at(pose),
+                "other_forces": self._dynamics.recorded_forces(pose),
+            },
+            "skeleton": self._skeleton(pose, joints, loads),
+            "log": {"contradictions": pose.contradictions},
+        }
+        if self._virtual is not None:
+            found["skeleton"] |= self._virtual.at(pose, joints)
+        if self._derivatives is not None:
+            found["curvature"] = dict(self._derivatives.at(pose, loads, moment_arms))
+        return {
+            f"{group}.{name}": np.asarray(array)[None]
+            for group, arrays in found.items()
+            for name, array in arrays.items()
+        }
+
+    def _motion(self, pose: Pose) -> dict[str, Any]:
+        free = self._poses.elimination.free
+        return {
+            "time": pose.time,
+            "coordinate_values": pose.values[free],
+            "coordinate_speeds": pose.speeds[free],
+        }
+
+    def _muscles(self, pose: Pose) -> dict[str, Any]:
+        state, muscles = pose.state, self._model.forces.muscles
+        paths = [path.opensim for path in self._model.paths]
+        return {
+            "muscle_tendon_length": np.array([path.getLength(state) for path in paths]),
+            "muscle_tendon_velocity": np.array([path.getLengtheningSpeed(state) for path in paths]),
+            "active_force_capacity": np.array(
+                [muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in muscles]
+            ),
+        }
+
+    def _skeleton(self, pose: Pose, joints: JointFrames, loads: LoadVectors) -> dict[str, Any]:
+        bodies = self._model.bodies
+        centers = np.einsum("bij,bj->bi", pose.rotations, bodies.mass_centers) + pose.origins
+        return {
+            "body_mass_centers": centers,
+            "joint_centers": joints.centers,
+            "joint_axes": joints.axes,
+            "load_forces": loads.forces,
+            "load_points": loads.points,
+            "load_torques": loads.torques,
+            **path_arrays(self._model.paths, pose.state, bodies, pose.rotations, pose.origins),
+        }
+
+    def header(self) -> dict[str, Any]:
+        """Return names and constants by data class and field, the same in every worker."""
+        model, elimination = self._model, self._poses.elimination
+        forces, bodies, coordinates = model.forces, model.bodies, model.coordinates
+        muscles, actuators = muscle_parameters(forces.muscles), actuator_parameters(forces.actuators)
+        gravity = model.opensim.getGravity()
+        header: dict[str, Any] = {
+            "muscles": muscles,
+            "actuators": actuators,
+            "trajectory": {
+                "muscles": muscles["muscles"],
+                "actuators": actuators["actuators"],
+                "coordinates": [coordinates.names[k] for k in elimination.free],
+                "is_rotational": coordinates.is_rotational[elimination.free].tolist(),
+                "force_columns": forces.columns,
+                "other_force_labels": forces.record_labels,
+            },
+            "skeleton": {
+                "bodies": bodies.names,
+                "body_parents": bodies.parents.tolist(),
+                "body_masses": bodies.masses.tolist(),
+                "gravity": [gravity.get(i) for i in range(3)],
+                "joints": model.joints.names,
+                "joint_children": model.joints.children,
+                "load_names": model.loads.names,
+                "load_bodies": model.loads.bodies.tolist(),
+            },
+            "log": {
+                "notes": self._notes(),
+                "eliminated": [coordinates.names[k] for k in elimination.gone],
+            },
+        }
+        if self._virtual is not None:
+            header["skeleton"]["virtual_rows"] = self._virtual.names
+        if self._derivatives is not None:
+            header["curvature"] = {"coordinates": self._derivatives.names}
+        return header
+
+    def _notes(self) -> list[Note]:
+        """Return what the user should know about columns, forces and coordinates that are left out."""
+        notes = list(self._kinematics.notes)
+        if self._model.forces.switched_off:
+            names = ", ".join(self._model.forces.switched_off)
+            notes.append(("INFO", f"switched off in the model and left out: {names}"))
+        coordinates, gone = self._model.coordinates, self._poses.elimination.gone
+        if gone.size:
+            names = ", ".join(coordinates.names[k] for k in gone)
+            notes.append(("INFO", f"coordinates eliminated by the model's constraints: {names}"))
+        loops = [coordinates.names[k] for k in gone if not coordinates.is_set_by_model[k]]
+        if loops:
+            notes.append(("INFO", f"of these, chosen to close loops: {', '.join(loops)}"))
+        return notes

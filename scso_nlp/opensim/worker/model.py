@@ -1,0 +1,84 @@
+"""An OpenSim model and everything that is known about it before a motion is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import opensim as osim
+
+from scso_nlp.opensim.worker.bodies import Bodies
+from scso_nlp.opensim.worker.coordinates import read_coordinates
+from scso_nlp.opensim.worker.forces import read_forces, take_off_actuators
+from scso_nlp.opensim.worker.paths import PathForces, read_path
+from scso_nlp.opensim.worker.skeleton import Joints, Loads
+from scso_nlp.validation import FloatArray
+
+
+class Model:
+    """A model with the setup's actuators and loads, in its default pose, muscles and actuators off.
+
+    `state` stays as it is, realized to velocity: who poses the model copies it. There are `n_u` mobilities,
+    as many as coordinates, and one of `paths` per muscle.
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self.opensim, self._tool = load_model(settings, settings["external_loads"])
+        self.state = self.opensim.initSystem()
+        self.opensim.setAllControllersEnabled(False)
+        self.opensim.realizeVelocity(self.state)
+        self._matter = self.opensim.getMatterSubsystem()
+        self.n_u = int(self.state.getNU())
+        self.is_constrained = len(self.state.getUErr().to_numpy()) > 0
+        self.coordinates = read_coordinates(self.opensim, self.state)
+        self.forces = read_forces(self.opensim, self.state)
+        take_off_actuators(self.opensim, self.state)
+        self.opensim.realizeVelocity(self.state)
+        self.bodies = Bodies(self.opensim)
+        self.joints = Joints(self.opensim, self.state, self.bodies)
+        self.loads = Loads(self.opensim, self.forces.loads, self.bodies)
+        self.paths = [read_path(muscle, self.state, self.bodies) for muscle in self.forces.muscles]
+        self.path_forces = PathForces(
+            self.opensim,
+            self.state,
+            [path.opensim for path in self.paths],
+            [path.drives_mobilities for path in self.paths],
+        )
+
+    def constraint_matrix(self, state: osim.State) -> FloatArray:
+        """Return the matrix of the velocity constraints, shape (n_constraints, n_u)."""
+        if not self.is_constrained:
+            return np.zeros((0, self.n_u))
+        matrix = osim.Matrix()
+        self._matter.calcG(state, matrix)
+        return np.array(matrix.to_numpy()).reshape(-1, self.n_u)
+
+    def acceleration_bias(self, state: osim.State) -> FloatArray:
+        """Return the constraints' second derivatives where nothing accelerates, shape (n_constraints,)."""
+        bias = osim.Vector()
+        self._matter.calcBiasForAccelerationConstraints(state, bias)
+        return np.array(bias.to_numpy())
+
+
+def load_model(
+    settings: Mapping[str, Any], external_loads: str | None
+) -> tuple[osim.Model, osim.AnalyzeTool]:
+    """Load a model with the actuators and external loads that the setup adds.
+
+    The tool owns the forces that it adds: keep it as long as the model.
+    """
+    model = osim.Model(settings["model"])
+    tool = osim.AnalyzeTool()
+    files = osim.ArrayStr()
+    for path in settings["actuators"]:
+        files.append(path)
+    tool.setForceSetFiles(files)
+    tool.setReplaceForceSet(bool(settings["replace_force_set"]))
+    tool.updateModelForces(model, "")
+    if external_loads is not None:
+        loads = osim.ExternalLoads(external_loads, True)
+        model.addModelComponent(loads)
+        # the model has taken ownership
+        loads.this.disown()
+    return model, tool

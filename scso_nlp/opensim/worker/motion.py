@@ -1,0 +1,235 @@
+"""Coordinates, speeds and accelerations of every row of a motion, prepared as OpenSim's AnalyzeTool does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import opensim as osim
+
+from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.opensim.worker.exchange import Job, Table
+from scso_nlp.opensim.worker.model import Model
+from scso_nlp.validation import FloatArray, IntArray
+
+#: Coordinates without a column may rest at zero if they move no more than this share of the total mass [-].
+LIGHT_SEGMENT = 0.01
+#: Speeds belong to a row of coordinates if their times differ by no more than this [s].
+SAME_TIME = 1e-6
+#: Degree of the splines that give speeds and accelerations.
+DEGREE = 5
+
+#: Level and text for the log.
+Note = tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kinematics:
+    """A motion in the model's coordinates, in tree order; its rows include the padding of the filter."""
+
+    time: FloatArray  # (n_rows,) [s]
+    values: FloatArray  # (n_rows, n_u) [rad or m]
+    speeds: FloatArray  # (n_rows, n_u) [rad/s or m/s]
+    accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline; NaN but in the rows to analyze
+    rows: IntArray  # the rows to analyze
+    notes: list[Note]  # on missing columns
+
+
+def read_kinematics(job: Job, model: Model) -> Kinematics:
+    """Prepare a job's motion.
+
+    Raises
+    ------
+    DataError
+        A column that is not finite, or speeds at other times.
+    NameMismatchError
+        No column for a coordinate that matters.
+    """
+    settings = job.settings
+    storage = _storage(job.motion.labels, job.motion.time, job.motion.values)
+    cutoff = settings["lowpass_cutoff_frequency"]
+    if settings["states"] is None and cutoff is not None and cutoff >= 0:
+        storage.pad(storage.getSize() // 2)
+        storage.lowpassIIR(cutoff)
+    columns, notes = _value_columns(job, model, storage)
+    time = _time(storage)
+    values = np.zeros((len(time), model.n_u))
+    for k, column in enumerate(columns):
+        if column >= 0:
+            values[:, k] = _column(storage, column)
+    if settings["in_degrees"]:
+        values[:, model.coordinates.scales_with_degrees] *= np.pi / 180.0
+    rows = _selected_rows(time, settings, job.motion.time)
+    if settings["states"] is not None:
+        speeds = _speeds_of_states(settings["states"], model, storage, values)
+    else:
+        speeds = _derivative(model.coordinates.names, time, values)
+        if job.speeds is not None:
+            _take_given_speeds(speeds, job.speeds, settings["speeds"], model, time, rows)
+    return Kinematics(
+        time=time,
+        values=values,
+        speeds=speeds,
+        accelerations=_accelerations(model.coordinates.names, time, speeds, rows),
+        rows=rows,
+        notes=notes,
+    )
+
+
+def _value_columns(job: Job, model: Model, storage: osim.Storage) -> tuple[list[int], list[Note]]:
+    """Return each coordinate's column in the storage, -1 where it has none and needs none."""
+    source = job.settings["states"] or job.settings["coordinates"]
+    columns = []
+    missing = []
+    for coordinate, is_set in zip(model.coordinates.items, model.coordinates.is_set_by_model, strict=True):
+        name = coordinate.getName()
+        column = _first_column(storage, name, coordinate.getAbsolutePathString() + "/value")
+        columns.append(column)
+        if column >= 0:
+            label = job.motion.labels[column]
+            if label in job.unusable:
+                raise DataError(
+                    f"{source}: column {label!r} is {job.unusable[label]}, expected a finite number "
+                    f"(coordinate {name!r})"
+                )
+        elif not is_set:
+            missing.append(coordinate)
+    return columns, _notes_on_missing(missing, job.settings, source, model)
+
+
+def _notes_on_missing(
+    missing: list[osim.Coordinate], settings: Mapping[str, Any], source: str, model: Model
+) -> list[Note]:
+    notes = []
+    refused = []
+    for coordinate in missing:
+        name, share = coordinate.getName(), _moved_mass(coordinate, model)
+        if name in settings["held_coordinates"]:
+            notes.append(("INFO", f"{source} has no column for {name!r}: held at zero as asked"))
+        elif share <= LIGHT_SEGMENT:
+            notes.append(
+                (
+                    "WARNING",
+                    f"{source} has no column for the coordinate {name!r}: held at zero, as OpenSim does "
+                    f"(it moves {100 * share:.2g} % of the model's mass)",
+                )
+            )
+        else:
+            refused.append(name)
+    if refused:
+        raise NameMismatchError(
+            f"{source} has no column for {', '.join(refused)}, coordinates of "
+            f"{os.path.basename(settings['model'])} (OpenSim would hold them at zero; if that is "
+            "meant, name them in held_coordinates)"
+        )
+    return notes
+
+
+def _moved_mass(coordinate: osim.Coordinate, model: Model) -> float:
+    """Share of the total mass on the distal side of a coordinate's joint; 1 if a load acts there."""
+    distal = model.bodies.moved_by(coordinate)
+    if distal & set(model.loads.bodies.tolist()):
+        return 1.0
+    masses = model.bodies.masses
+    return float(masses[sorted(distal)].sum() / max(masses.sum(), 1e-300))
+
+
+def _speeds_of_states(source: str, model: Model, storage: osim.Storage, values: FloatArray) -> FloatArray:
+    speeds = np.zeros_like(values)
+    for k, coordinate in enumerate(model.coordinates.items):
+        path = coordinate.getAbsolutePathString() + "/speed"
+        column = _first_column(storage, path, coordinate.getName() + "_u")
+        if column >= 0:
+            speeds[:, k] = _column(storage, column)
+        elif not model.coordinates.is_set_by_model[k]:
+            raise NameMismatchError(
+                f"{source} has no column for the speed of {coordinate.getName()!r}, expected {path}"
+            )
+    return speeds
+
+
+def _take_given_speeds(
+    speeds: FloatArray, given: Table, source: str, model: Model, time: FloatArray, rows: IntArray
+) -> None:
+    """Replace speeds, in place, by those of a file at the same times."""
+    nearest = np.abs(given.time[None, :] - time[:, None]).argmin(axis=1)
+    apart = np.abs(given.time[nearest] - time)
+    if (apart[rows] > SAME_TIME).any():
+        row = rows[int(apart[rows].argmax())]
+        raise DataError(
+            f"{source} has no row at t = {time[row]:.9g} s, expected the times of the coordinates"
+        )
+    storage = _storage(given.labels, given.time, given.values)
+    for k, coordinate in enumerate(model.coordinates.items):
+        name = coordinate.getName()
+        column = _first_column(storage, coordinate.getAbsolutePathString() + "/speed", name + "_u", name)
+        if column >= 0:
+            speeds[:, k] = given.values[nearest, column]
+        elif not model.coordinates.is_set_by_model[k]:
+            raise NameMismatchError(f"{source} has no column for {name!r}")
+
+
+def _derivative(names: list[str], time: FloatArray, values: FloatArray) -> FloatArray:
+    """Differentiate the splines through values, shape (n_rows, n_u)."""
+    derivative = _splines(names, time, values).constructStorage(1)
+    return np.stack([_column(derivative, k) for k in range(len(names))], axis=1)
+
+
+def _accelerations(names: list[str], time: FloatArray, speeds: FloatArray, rows: IntArray) -> FloatArray:
+    splines = _splines(names, time, speeds)
+    accelerations = np.full_like(speeds, np.nan)
+    for row in rows:
+        t = float(time[row])
+        accelerations[row] = [splines.evaluate(k, 1, t) for k in range(len(names))]
+    return accelerations
+
+
+def _selected_rows(time: FloatArray, settings: Mapping[str, Any], recorded: FloatArray) -> IntArray:
+    """Choose rows as AnalyzeTool does: the last row at or before each end, no interpolation.
+
+    `time` may reach beyond the time that was `recorded`, for the filter's sake.
+    """
+    ends = (
+        recorded[0] if settings["initial_time"] is None else settings["initial_time"],
+        recorded[-1] if settings["final_time"] is None else settings["final_time"],
+    )
+    first, last = (max(int(np.searchsorted(time, end, side="right")) - 1, 0) for end in ends)
+    step = settings["step_interval"]
+    rows = [row for row in range(first, last + 1) if row in (first, last) or row % step == 0]
+    return np.array(rows, dtype=np.int64)
+
+
+def _storage(labels: tuple[str, ...] | list[str], time: FloatArray, values: FloatArray) -> osim.Storage:
+    storage = osim.Storage()
+    names = osim.ArrayStr()
+    for label in ("time", *labels):
+        names.append(label)
+    storage.setColumnLabels(names)
+    for t, row in zip(time.tolist(), np.ascontiguousarray(values), strict=True):
+        storage.append(t, osim.Vector.createFromMat(row))
+    return storage
+
+
+def _splines(names: list[str], time: FloatArray, values: FloatArray) -> osim.GCVSplineSet:
+    return osim.GCVSplineSet(DEGREE, _storage(names, time, values))
+
+
+def _first_column(storage: osim.Storage, *labels: str) -> int:
+    """Return the first of some columns that is there, as OpenSim finds them, or -1."""
+    found = (int(storage.getStateIndex(label)) for label in labels)
+    return next((column for column in found if column >= 0), -1)
+
+
+def _column(storage: osim.Storage, index: int) -> FloatArray:
+    column = osim.ArrayDouble()
+    storage.getDataColumn(index, column)
+    return np.array(column.getAsVector().to_numpy())
+
+
+def _time(storage: osim.Storage) -> FloatArray:
+    column = osim.ArrayDouble()
+    storage.getTimeColumn(column)
+    return np.array(column.getAsVector().to_numpy())

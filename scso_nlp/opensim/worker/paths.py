@@ -1,0 +1,191 @@
+"""Muscle paths: which points they have, and what a tension of 1 N in them does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import opensim as osim
+from numpy.typing import NDArray
+
+from scso_nlp.opensim.worker.bodies import Bodies, MovingBodies
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathPoints:
+    """Points of one path from origin to insertion."""
+
+    bodies: IntArray  # (n_points,), which each is fixed to or lies on
+    locations: FloatArray  # (n_points, 3) [m], in these bodies or in ground
+    moves: BoolArray  # (n_points,), contact points on wrap surfaces and moving points
+
+
+@dataclass(frozen=True, kw_only=True)
+class MusclePath:
+    """The path of one muscle."""
+
+    opensim: osim.AbstractGeometryPath
+    geometry: osim.GeometryPath | None  # None for fitted paths (FunctionBasedPath), which have no points
+    fixed: PathPoints | None  # in their bodies; None where they may change
+    moves: bool  # its points may change: wraps, moving or conditional points, or fitted
+    drives_mobilities: bool  # it also pushes coordinates directly: moving points and fitted paths
+
+
+def read_path(muscle: osim.Muscle, state: osim.State, bodies: Bodies) -> MusclePath:
+    """Find what a muscle's path is made of."""
+    path = muscle.getPath()
+    geometry = osim.GeometryPath.safeDownCast(path)
+    if geometry is None:
+        return MusclePath(
+            opensim=path, geometry=None, fixed=_points([], [], []), moves=True, drives_mobilities=True
+        )
+    points = _every(geometry.getPathPointSet())
+    kinds = [point.getConcreteClassName() for point in points]
+    moves = geometry.getWrapSet().getSize() > 0 or any(kind != "PathPoint" for kind in kinds)
+    return MusclePath(
+        opensim=path,
+        geometry=geometry,
+        fixed=None if moves else _fixed_points(points, state, bodies),
+        moves=moves,
+        drives_mobilities="MovingPathPoint" in kinds,
+    )
+
+
+def path_bodies(geometry: osim.GeometryPath, bodies: Bodies) -> set[int]:
+    """Return every body that a path may touch."""
+    points, wraps = _every(geometry.getPathPointSet()), _every(geometry.getWrapSet())
+    frames = [point.getParentFrame() for point in points]
+    return {bodies.of(frame) for frame in (*frames, *(wrap.getWrapObject().getFrame() for wrap in wraps))}
+
+
+def path_arrays(
+    paths: Sequence[MusclePath],
+    state: osim.State,
+    bodies: Bodies,
+    rotations: FloatArray,
+    origins: FloatArray,
+) -> dict[str, NDArray[Any]]:
+    """Return all paths' points in ground, their bodies and whether they move, padded to the longest path.
+
+    Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
+    """
+    every = [path.fixed or _current_points(path, state, bodies) for path in paths]
+    n_muscles, n_points = len(every), max(len(points.bodies) for points in every)
+    locations = np.zeros((n_muscles, n_points, 3))
+    owners = np.full((n_muscles, n_points), -1, dtype=np.int64)
+    moves = np.zeros((n_muscles, n_points), dtype=bool)
+    for m, (path, points) in enumerate(zip(paths, every, strict=True)):
+        n, own, places = len(points.bodies), points.bodies, points.locations
+        if path.fixed is not None:
+            places = np.einsum("pij,pj->pi", rotations[own], places) + origins[own]
+        locations[m, :n], owners[m, :n], moves[m, :n] = places, own, points.moves
+    return {"path_points": locations, "path_point_bodies": owners, "path_point_moves": moves}
+
+
+class PathForces:
+    """The generalized forces of paths in one model, by their equivalent forces on bodies."""
+
+    def __init__(
+        self,
+        model: osim.Model,
+        state: osim.State,
+        paths: Sequence[osim.AbstractGeometryPath],
+        drives_mobilities: Sequence[bool],
+    ) -> None:
+        self._paths, self._drives_mobilities = paths, drives_mobilities
+        self._matter = model.getMatterSubsystem()
+        matrix = osim.Matrix()
+        self._matter.calcSystemJacobian(state, matrix)
+        n_bodies = int(matrix.to_numpy().shape[0]) // 6
+        nothing = osim.SpatialVec(osim.Vec3(0), osim.Vec3(0))
+        self._no_body_forces = osim.VectorOfSpatialVec(n_bodies, nothing)
+        self._no_mobility_forces = osim.Vector(state.getNU(), 0.0)
+
+    def columns(self, state: osim.State, chosen: Sequence[int]) -> FloatArray:
+        """Return the generalized force of each chosen path at 1 N tension, shape (n_u, n_chosen)."""
+        out, unused = osim.Vector(), osim.Vector(self._no_mobility_forces)
+        columns = np.zeros((state.getNU(), len(chosen)))
+        for j, m in enumerate(chosen):
+            # the call adds to what it is given; only moving points and fitted paths add to mobilities
+            drives = self._drives_mobilities[m]
+            body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
+            mobility_forces = osim.Vector(self._no_mobility_forces) if drives else unused
+            self._paths[m].addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+            self._matter.multiplyBySystemJacobianTranspose(state, body_forces, out)
+            columns[:, j] = out.to_numpy()
+            if drives:
+                columns[:, j] += mobility_forces.to_numpy()
+        return columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedPaths:
+    """All paths whose points are fixed to bodies, padded by their last point."""
+
+    muscles: IntArray  # (n_fixed,)
+    bodies: IntArray  # (n_fixed, n_points)
+    locations: FloatArray  # (n_fixed, n_points, 3) [m]
+    is_segment: BoolArray  # (n_fixed, n_points - 1), False between padding points
+
+    def moment_arms(self, at: MovingBodies) -> FloatArray:
+        """Return minus the paths' lengthening per speed, shape (n, n_fixed) [m]."""
+        arms = np.einsum("mpij,mpj->mpi", at.rotations[self.bodies], self.locations)
+        segments = np.diff(at.origins[self.bodies] + arms, axis=1)
+        lengths = np.linalg.norm(segments, axis=2)
+        directions = np.where(self.is_segment[..., None], segments, 0.0)
+        directions /= np.where(self.is_segment, lengths, 1.0)[..., None]
+        rates = np.diff(at.point_velocities(self.bodies, arms), axis=1)
+        return -np.einsum("mpi,mpic->cm", directions, rates)
+
+
+def fixed_paths(paths: Sequence[MusclePath]) -> FixedPaths:
+    """Put the points of all paths that are fixed to bodies into arrays."""
+    chosen = {m: path.fixed for m, path in enumerate(paths) if path.fixed is not None and not path.moves}
+    n_points = max((len(points.bodies) for points in chosen.values()), default=1)
+    bodies = np.zeros((len(chosen), n_points), dtype=np.int64)
+    locations = np.zeros((len(chosen), n_points, 3))
+    is_segment = np.zeros((len(chosen), n_points - 1), dtype=bool)
+    for i, points in enumerate(chosen.values()):
+        n = len(points.bodies)
+        bodies[i], locations[i] = points.bodies[-1], points.locations[-1]
+        bodies[i, :n], locations[i, :n] = points.bodies, points.locations
+        is_segment[i, : n - 1] = True
+    muscles = np.array(list(chosen), dtype=np.int64)
+    return FixedPaths(muscles=muscles, bodies=bodies, locations=locations, is_segment=is_segment)
+
+
+def _fixed_points(points: list[osim.AbstractPathPoint], state: osim.State, bodies: Bodies) -> PathPoints:
+    locations = []
+    for point in points:
+        frame, location = point.getParentFrame(), point.getLocation(state)
+        base = frame.findBaseFrame()
+        if frame.getAbsolutePathString() != base.getAbsolutePathString():
+            location = frame.findStationLocationInAnotherFrame(state, location, base)
+        locations.append(location.to_numpy())
+    owners = [bodies.of(point.getParentFrame()) for point in points]
+    return _points(owners, locations, [False] * len(points))
+
+
+def _current_points(path: MusclePath, state: osim.State, bodies: Bodies) -> PathPoints:
+    assert path.geometry is not None
+    points = _every(path.geometry.getCurrentPath(state))
+    return _points(
+        [bodies.of(point.getParentFrame()) for point in points],
+        [point.getLocationInGround(state).to_numpy() for point in points],
+        [point.getConcreteClassName() in ("PathWrapPoint", "MovingPathPoint") for point in points],
+    )
+
+
+def _points(bodies: list[int], locations: list[FloatArray], moves: list[bool]) -> PathPoints:
+    return PathPoints(
+        bodies=np.array(bodies, dtype=np.int64),
+        locations=np.array(locations).reshape(-1, 3),
+        moves=np.array(moves, dtype=bool),
+    )
+
+
+def _every(items: osim.Set) -> list[Any]:
+    return [items.get(i) for i in range(items.getSize())]

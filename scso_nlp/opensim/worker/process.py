@@ -1,0 +1,106 @@
+"""What a worker process runs: its share of a job, words to its parent, OpenSim's words to a file."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+import time
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scso_nlp.exceptions import EngineError, ScsoError
+from scso_nlp.opensim.worker.exchange import Job, Result, joined, log_file, read_job, write_result
+
+#: Seconds between two progress messages.
+PROGRESS_INTERVAL = 0.1
+
+
+def main(arguments: list[str]) -> int:
+    """Do one share of the job in a folder: the arguments are the folder, which share, and how many."""
+    folder, part, parts = Path(arguments[0]), int(arguments[1]), int(arguments[2])
+    parent = _talk_to_parent_only(log_file(folder, part))
+    job = read_job(folder)
+    try:
+        write_result(folder, part, work(job, part, parts, parent))
+        tell(parent, done=True)
+    except ScsoError as error:
+        tell(parent, error=type(error).__name__, message=str(error))
+        return 2
+    # what OpenSim throws
+    except RuntimeError as error:
+        tell(parent, error=EngineError.__name__, message=_plain(str(error), job))
+        return 3
+    finally:
+        sys.stdout.flush()
+        parent.flush()
+    return 0
+
+
+def work(job: Job, part: int, parts: int, parent: TextIO) -> Result:
+    """Compute every array of one share of the frames and tell the parent how far it is."""
+    started = time.perf_counter()
+    # OpenSim prints when it is imported: only now does that go to the log
+    from scso_nlp.opensim.worker.extraction import Extraction
+
+    extraction = Extraction(job)
+    rows = np.array_split(extraction.rows, parts)[part]
+    tell(parent, total=len(extraction.rows), share=len(rows))
+    ready = told = time.perf_counter()
+    frames: list[dict[str, NDArray[Any]]] = []
+    for count, row in enumerate(rows, start=1):
+        frames.append(extraction.frame(int(row)))
+        if time.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
+            told = time.perf_counter()
+            tell(parent, frames=count)
+    arrays = joined(frames) if frames else {}
+    header = extraction.header()
+    header["log"] |= {
+        "startup_seconds": ready - started,
+        "frame_seconds": time.perf_counter() - ready,
+        "peak_memory": _peak_memory(),
+    }
+    return Result(header=header, arrays=arrays)
+
+
+def tell(parent: TextIO, **message: object) -> None:
+    """Send one message: a JSON object on a line."""
+    parent.write(json.dumps(message) + "\n")
+    parent.flush()
+
+
+def _talk_to_parent_only(log: Path) -> TextIO:
+    """Keep the pipe to the parent for messages; whatever else is printed goes to the log file."""
+    parent = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    sys.stdout.flush()
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    for standard in (1, 2):
+        os.dup2(descriptor, standard)
+    os.close(descriptor)
+    return parent
+
+
+def _plain(message: str, job: Job) -> str:
+    """Turn an exception text of OpenSim into one sentence."""
+    text = re.sub(r"^std::exception in '.*?': ", "", message.strip(), flags=re.DOTALL)
+    text = re.sub(r"\s*Thrown at [^\n]*", "", text)
+    text = re.sub(r"\(details: (.*?)\)\.?", r"(\1)", text, flags=re.DOTALL)
+    text = re.sub(r"\.?\s*\n\s*In (Component|Object) ", r", in \1 ", text)
+    text = " ".join(text.split()).rstrip(".")
+    text = re.sub(r"\.\)", ")", text)
+    text = re.sub(r"\.\s*\(", " (", text)
+    name = os.path.basename(job.settings["model"])
+    return f"OpenSim refused {name}: {text or 'no reason given'}"
+
+
+def _peak_memory() -> int:
+    """Return the largest resident memory so far [bytes], 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
