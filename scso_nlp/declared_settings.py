@@ -36,15 +36,15 @@ class Named:
 
 
 MUSCLE_MODELS = {
-    "opensim-rigid": Named("muscle_models:RigidTendon"),
-    "physical-rigid": Named("muscle_models:RigidTendon", {"convention": "physical"}),
-    "compliant": Named("muscle_models:CompliantTendon"),
-    "none": Named("muscle_models:NoPhysiology"),
+    "opensim-rigid": Named("muscle_models.rigid_tendon:RigidTendon"),
+    "physical-rigid": Named("muscle_models.rigid_tendon:RigidTendon", {"convention": "physical"}),
+    "compliant": Named("muscle_models.compliant_tendon:CompliantTendon"),
+    "none": Named("muscle_models.no_physiology:NoPhysiology"),
 }
 STABILITY_METHODS = {
-    "potvin-brown": Named("constraints:JointStability"),
-    "diagonal": Named("constraints:CoordinateStability"),
-    "full": Named("constraints:HessianStability"),
+    "potvin-brown": Named("constraints.joint_stability:JointStability"),
+    "diagonal": Named("constraints.coordinate_stability:CoordinateStability"),
+    "full": Named("constraints.hessian_stability:HessianStability"),
 }
 STIFFNESS_LAWS = {
     "proportional": Named("muscle_models.stiffness_law:ProportionalStiffness"),

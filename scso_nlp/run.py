@@ -8,12 +8,14 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
+from scso_nlp.constraints.coordinate_stability import CoordinateStability
+from scso_nlp.constraints.hessian_stability import HessianStability
+from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
 from scso_nlp.files import sha256
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
-from scso_nlp.objectives import ActivationEffort
+from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.engine import input_hashes, load_motion
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.results import RunRecord, write_solution

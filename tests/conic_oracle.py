@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 import scso_nlp as scso
 from problems.random_hessian import problem as random_hessian
-from scso_nlp.constraints import HessianStability
+from scso_nlp import HessianStability
 
 #: Clarabel sees matrices divided by this [N·m/rad]; it stops at residuals of 1e-10 of what it sees.
 SCALE = 100.0

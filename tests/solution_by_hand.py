@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from scso_nlp.constraints import JointStability, MomentEquilibrium
+from scso_nlp import ActivationEffort, JointStability, MomentEquilibrium, NoPhysiology
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE
 from scso_nlp.motion import Motion
-from scso_nlp.muscle_models import NoPhysiology
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
-from scso_nlp.objectives import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Shortfall, SolveReport, Status
 from scso_nlp.solve.judge import Outcome, judge

@@ -11,7 +11,7 @@ from helpers import random_problem, two_antagonists
 from scipy.linalg import eigh
 
 import scso_nlp as scso
-from scso_nlp.constraints import CoordinateStability, HessianStability
+from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.contributions import equivalent_q, mode_contributions, row_contributions
 from scso_nlp.examples import example_folder
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, ShortRangeStiffness

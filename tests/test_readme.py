@@ -46,6 +46,15 @@ def test_every_command_and_option_exists():
         assert {option for option in word if option.startswith("--")} <= known
 
 
+def test_every_result_file_and_figure_is_named():
+    from scso_nlp.report.results import FIGURES, RESULT_FILES, STATUS_FILE
+
+    for pattern in RESULT_FILES | STATUS_FILE:
+        assert pattern.replace("{name}", "").replace("_{analysis}", "") in README
+    for figure in FIGURES:
+        assert f"_{figure}`" in README
+
+
 def test_the_readme_is_short_and_its_links_lead_somewhere():
     assert len(README.splitlines()) < 200
     for target in re.findall(r"\]\(([^)]+)\)", README):

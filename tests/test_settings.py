@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from typer.main import get_command
 
+from scso_nlp import CoordinateStability, HessianStability, JointStability
 from scso_nlp.cli import app
-from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
 from scso_nlp.declared_settings import (
     COUNT,
     FLAG,

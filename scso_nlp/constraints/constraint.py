@@ -1,6 +1,6 @@
 """Abstract constraints: rows of one frame, or of two neighbouring frames.
 
-A new constraint is one file here, one line in ``constraints/__init__.py`` and one test.
+A new constraint is one file here, one line in ``scso_nlp/__init__.pyi`` and one test file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Abstract muscle model: what force an activation makes in a frame.
 
-A new model is one file here, one line in ``muscle_models/__init__.py`` and one test.
+A new model is one file here, one line in ``scso_nlp/__init__.pyi`` and one test file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Abstract objectives: one frame, or two neighbouring frames.
 
-A new objective is one file here, one line in ``objectives/__init__.py`` and one test.
+A new objective is one file here, one line in ``scso_nlp/__init__.pyi`` and one test file.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.files import sha256
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.solution import MatrixResult, RowResult, Solution, StabilityMargin, Status
+from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
 
 #: Numbers that stand for a frame's status in the status file.
@@ -159,11 +159,11 @@ def write_solution(
         if folder.exists() and not folder.is_dir():
             raise DataError(f"{folder} is a file, expected a folder for the results")
         temporary.mkdir()
-        if keep_failed or solution.is_solved.all():
-            _write_results(solution, temporary, analysis_name)
-            if figures:
-                _write_figures(solution, temporary, baseline)
-        _write_status(solution, temporary / f"{name}_status.sto")
+        has_results = keep_failed or bool(solution.is_solved.all())
+        for pattern, make in ((RESULT_FILES if has_results else {}) | STATUS_FILE).items():
+            _write(make(solution), temporary / pattern.format(name=name, analysis=analysis_name))
+        if has_results and figures:
+            _write_figures(solution, temporary, baseline)
         files = {path.name: sha256(path) for path in sorted(temporary.iterdir())}
         report = _report(solution, record or RunRecord(), files)
         text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
@@ -186,10 +186,9 @@ def _check_name(name: str) -> None:
 def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
     """Match every file that a run of this name may have written."""
     own, analysis = re.escape(name), re.escape(analysis_name)
-    return re.compile(
-        rf"{own}_{analysis}_(activation\.sto|force\.sto|controls\.xml)|{own}_(stability|status)\.sto"
-        rf"|{own}_(activations|moments|stability|contributions)\.(png|pdf)"
-    )
+    patterns = [pattern.replace(".", r"\.") for pattern in RESULT_FILES | STATUS_FILE]
+    patterns += [f"{{name}}_{figure}\\.(png|pdf)" for figure in FIGURES]
+    return re.compile("|".join(pattern.format(name=own, analysis=analysis) for pattern in patterns))
 
 
 def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
@@ -206,19 +205,27 @@ def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
         os.replace(path, target / path.name)
 
 
-def _write_results(solution: Solution, folder: Path, analysis_name: str) -> None:
-    trajectory = solution.problem.motion.trajectory
-    start = f"{trajectory.name}_{analysis_name}"
-    failed = ~solution.is_solved
-    columns = trajectory.force_columns or (
-        *trajectory.muscles,
-        *trajectory.actuators,
-        *trajectory.other_force_labels,
-    )
-    unknowns = _by_name(solution, solution.activation, solution.control)
-    labels = tuple(name for name in columns if name in unknowns)
-    labels += tuple(name for name in unknowns if name not in labels)
-    activations = _table(labels, unknowns, failed)
+def _write(content: Storage | str | None, path: Path) -> None:
+    if isinstance(content, Storage):
+        write_storage(content, path, allow_nonfinite=True)
+    elif content is not None:
+        path.write_text(content, encoding="utf-8")
+
+
+def _activation(solution: Solution) -> Storage:
+    """Activations of muscles and controls of actuators."""
+    labels, values = _controls(solution)
+    return _storage(solution, "Static Optimization", labels, values, _ACTIVATION_DESCRIPTION)
+
+
+def _controls_file(solution: Solution) -> str:
+    """Text of a ControlSet with the same numbers."""
+    return _controls_xml(*_controls(solution), solution.problem.motion.trajectory.time)
+
+
+def _force(solution: Solution) -> Storage:
+    """Give forces of muscles, actuators and all else that OpenSim records."""
+    trajectory, columns = solution.problem.motion.trajectory, _force_columns(solution)
     others = dict(zip(trajectory.other_force_labels, trajectory.other_forces.T, strict=True))
     forces = {**others, **_by_name(solution, solution.tendon_force, solution.actuator_force)}
     missing = [name for name in columns if name not in forces]
@@ -226,26 +233,25 @@ def _write_results(solution: Solution, folder: Path, analysis_name: str) -> None
         raise NameMismatchError(
             f"the force file needs {', '.join(missing)}, which are no muscle, actuator or other force"
         )
-    _write_table(
-        folder / f"{start}_activation.sto",
-        "Static Optimization",
-        labels,
-        trajectory.time,
-        activations,
-        _ACTIVATION_DESCRIPTION,
+    values = _table(columns, forces, ~solution.is_solved)
+    return _storage(solution, "ModelForces", columns, values, _FORCE_DESCRIPTION)
+
+
+def _force_columns(solution: Solution) -> tuple[str, ...]:
+    trajectory = solution.problem.motion.trajectory
+    return trajectory.force_columns or (
+        *trajectory.muscles,
+        *trajectory.actuators,
+        *trajectory.other_force_labels,
     )
-    _write_table(
-        folder / f"{start}_force.sto",
-        "ModelForces",
-        columns,
-        trajectory.time,
-        _table(columns, forces, failed),
-        _FORCE_DESCRIPTION,
-    )
-    controls = _controls_xml(labels, trajectory.time, activations)
-    (folder / f"{start}_controls.xml").write_text(controls, encoding="utf-8")
-    if solution.stability is not None:
-        _write_stability(solution.stability, trajectory.time, folder / f"{trajectory.name}_stability.sto")
+
+
+def _controls(solution: Solution) -> tuple[tuple[str, ...], FloatArray]:
+    """Names and values of activations and controls, in the order of the force file."""
+    unknowns = _by_name(solution, solution.activation, solution.control)
+    labels = tuple(name for name in _force_columns(solution) if name in unknowns)
+    labels += tuple(name for name in unknowns if name not in labels)
+    return labels, _table(labels, unknowns, ~solution.is_solved)
 
 
 def _by_name(solution: Solution, of_muscles: FloatArray, of_actuators: FloatArray) -> dict[str, FloatArray]:
@@ -262,21 +268,20 @@ def _table(labels: tuple[str, ...], columns: Mapping[str, FloatArray], failed: n
     return table
 
 
-def _write_table(
-    path: Path,
-    title: str,
-    labels: tuple[str, ...],
-    time: FloatArray,
-    values: FloatArray,
-    description: str,
-) -> None:
-    storage = Storage(
-        name=title, labels=labels, time=time, values=values, in_degrees=False, description=description
+def _storage(
+    solution: Solution, title: str, labels: tuple[str, ...], values: FloatArray, description: str
+) -> Storage:
+    return Storage(
+        name=title,
+        labels=labels,
+        time=solution.problem.motion.trajectory.time,
+        values=values,
+        in_degrees=False,
+        description=description,
     )
-    write_storage(storage, path, allow_nonfinite=True)
 
 
-def _controls_xml(labels: tuple[str, ...], time: FloatArray, values: FloatArray) -> str:
+def _controls_xml(labels: tuple[str, ...], values: FloatArray, time: FloatArray) -> str:
     """Text of a ControlSet with one linear control per actuator, as OpenSim 4.6 writes it."""
     pieces = [
         '<?xml version="1.0" encoding="UTF-8" ?>\n<OpenSimDocument Version="40600">\n'
@@ -294,12 +299,17 @@ def _controls_xml(labels: tuple[str, ...], time: FloatArray, values: FloatArray)
     return "".join(pieces)
 
 
-def _write_stability(margin: StabilityMargin, time: FloatArray, path: Path) -> None:
+def _stability(solution: Solution) -> Storage | None:
+    """Stability rows, if there are any."""
+    margin = solution.stability
+    if margin is None:
+        return None
+    n_frames = len(margin.stability)
     labels: list[str] = []
     columns: list[FloatArray] = []
     for r, row in enumerate(margin.rows):
         labels += [f"{row}_stability", f"{row}_level", f"{row}_margin"]
-        columns += [margin.stability[:, r], np.full(time.size, margin.level[r]), margin.margin[:, r]]
+        columns += [margin.stability[:, r], np.full(n_frames, margin.level[r]), margin.margin[:, r]]
         solved = np.isfinite(margin.stability[:, r])
         if np.isfinite(margin.multiplier[solved, r]).all():
             labels.append(f"{row}_multiplier")
@@ -308,10 +318,11 @@ def _write_stability(margin: StabilityMargin, time: FloatArray, path: Path) -> N
     columns += list(margin.mode.T)
     values = np.column_stack(columns)
     values[np.isnan(margin.stability).all(axis=1)] = np.nan
-    _write_table(path, "Joint Stability", tuple(labels), time, values, _STABILITY_DESCRIPTION)
+    return _storage(solution, "Joint Stability", tuple(labels), values, _STABILITY_DESCRIPTION)
 
 
-def _write_status(solution: Solution, path: Path) -> None:
+def _status(solution: Solution) -> Storage:
+    """Status of every frame, and what it misses."""
     codes = [f"{code} {status.name}: {status.value}\n" for status, code in STATUS_CODES.items()]
     description = (
         "One status per frame:\n" + "".join(codes) + "Violations in each constraint's own unit "
@@ -320,8 +331,7 @@ def _write_status(solution: Solution, path: Path) -> None:
     columns = {"status": np.array([float(STATUS_CODES[status]) for status in solution.frame_status])}
     columns |= {f"violation_{name}": _violation(rows) for name, rows in solution.kept.items()}
     values = np.column_stack(list(columns.values()))
-    time = solution.problem.motion.trajectory.time
-    _write_table(path, "Solver Status", tuple(columns), time, values, description)
+    return _storage(solution, "Solver Status", tuple(columns), values, description)
 
 
 def _violation(rows: RowResult | MatrixResult) -> FloatArray:
@@ -330,26 +340,43 @@ def _violation(rows: RowResult | MatrixResult) -> FloatArray:
     return np.where(np.isfinite(excess), excess, NO_ITERATE).max(axis=1, initial=NO_ITERATE)
 
 
-def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
-    # matplotlib takes half a second to import, and only figures need it
-    from scso_nlp.figures import (
-        plot_activations,
-        plot_contributions,
-        plot_moments,
-        plot_stability,
-        save_figure,
-    )
+#: What each result file holds, by its name; a file whose content is None is not written. One line per file.
+RESULT_FILES: dict[str, Callable[[Solution], Storage | str | None]] = {
+    "{name}_{analysis}_activation.sto": _activation,
+    "{name}_{analysis}_force.sto": _force,
+    "{name}_{analysis}_controls.xml": _controls_file,
+    "{name}_stability.sto": _stability,
+}
+#: Also written where frames failed and there are no results.
+STATUS_FILE: dict[str, Callable[[Solution], Storage | str | None]] = {"{name}_status.sto": _status}
 
-    drawn = {
-        "activations": plot_activations(solution, baseline=baseline),
-        "moments": plot_moments(solution),
-    }
-    if solution.stability is not None and solution.stability.rows:
-        drawn["stability"] = plot_stability(solution, baseline=baseline)
-        if solution.is_solved.any():
-            drawn["contributions"] = plot_contributions(row_contributions(solution))
-    for what, figure in drawn.items():
-        save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
+
+#: How each figure is drawn by :mod:`scso_nlp.figures`, which is handed in because matplotlib takes half a
+#: second to import and only figures need it; None where there is nothing to draw. One entry per figure.
+FIGURES: dict[str, Callable[[Any, Solution, Solution | None], Any]] = {
+    "activations": lambda draw, solution, baseline: draw.plot_activations(solution, baseline=baseline),
+    "moments": lambda draw, solution, _: draw.plot_moments(solution),
+    "stability": lambda draw, solution, baseline: (
+        draw.plot_stability(solution, baseline=baseline) if _has_rows(solution) else None
+    ),
+    "contributions": lambda draw, solution, _: (
+        draw.plot_contributions(row_contributions(solution)) if _has_rows(solution) else None
+    ),
+}
+
+
+def _has_rows(solution: Solution) -> bool:
+    """Tell whether there are stability rows, and a solved frame to show them in."""
+    return solution.stability is not None and bool(solution.stability.rows) and bool(solution.is_solved.any())
+
+
+def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
+    from scso_nlp import figures
+
+    for what, draw in FIGURES.items():
+        figure = draw(figures, solution, baseline)
+        if figure is not None:
+            figures.save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
 
 
 def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from helpers import solve_qp
 from hinge_chain import hinge_chain
 
 import scso_nlp as scso
-from scso_nlp.constraints import CoordinateStability
+from scso_nlp import CoordinateStability
 from scso_nlp.stability import joint_stability, potvin_brown
 
 

@@ -9,7 +9,7 @@ import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
 
 import scso_nlp as scso
-from scso_nlp.constraints import HessianStability
+from scso_nlp import HessianStability
 from scso_nlp.stability.hessian import smallest_eigenvalues
 
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 import scso_nlp as scso
 from problems.random_hessian.lifted_stability import LiftedStability
-from scso_nlp.constraints import CoordinateStability, HessianStability
+from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.muscle_models.compliant_tendon import CompliantTendon
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.muscle_classes import curves_of

@@ -8,12 +8,11 @@ import pytest
 import tiny_model
 from tiny_model import Tiny, ask_opensim, write_motion
 
-from scso_nlp.constraints import CoordinateStability, HessianStability, JointStability
+from scso_nlp import CoordinateStability, HessianStability, JointStability, NoPhysiology
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.methods import static_optimization
-from scso_nlp.muscle_models import NoPhysiology
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.solution import Solution
 from scso_nlp.solve import solve_framewise

@@ -11,7 +11,7 @@ from coupled_terms import Smoothness
 
 import scso_nlp as scso
 from problems.random_hessian.lifted_stability import LiftedStability
-from scso_nlp.constraints import CoordinateStability, HessianStability
+from scso_nlp import CoordinateStability, HessianStability
 
 #: What the formulation promises: objective relative to the conic optimum, and the smallest eigenvalue
 #: over a meaningful rotational stiffness of 10 N·m/rad.

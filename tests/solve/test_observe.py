@@ -9,7 +9,7 @@ from helpers import random_problem, stability_by_hand
 
 import scso_nlp as scso
 from problems.random_hessian.lifted_stability import LiftedStability
-from scso_nlp.constraints import HessianStability
+from scso_nlp import HessianStability
 from scso_nlp.figures import plot_stability
 
 

@@ -10,7 +10,7 @@ from conic_oracle import hessian_problem
 from helpers import two_antagonists
 
 import scso_nlp as scso
-from scso_nlp.constraints import CoordinateStability, HessianStability
+from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
 

@@ -9,7 +9,7 @@ from conic_oracle import hessian_by_hand, hessian_problem
 from helpers import random_problem
 
 import scso_nlp as scso
-from scso_nlp.constraints import HessianStability
+from scso_nlp import HessianStability
 
 
 def solve(program, plugin, options):
