@@ -232,7 +232,7 @@ def test_a_level_that_is_not_finite_is_refused(level):
         ({"level": {"elbow_q": 1.0}}, "unknown stability row 'elbow_q' (closest: elbow_z)"),
         ({"q": {"m1": 5.0}}, "q has no entry for m2; add them, or a first entry '*' for"),
         ({"q": {"*": 5.0, "m7": 3.0}}, "unknown muscle 'm7' (closest: m"),
-        ({"q": {"vas*": 5.0}}, "q: the pattern 'vas*' fits no muscle"),
+        ({"q": {"vas*": 5.0}}, "pattern 'vas*' fits no muscle (available: m"),
     ],
 )
 def test_unknown_names_in_stability_rows_are_refused_with_the_closest_ones(changes, text):

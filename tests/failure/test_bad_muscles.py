@@ -53,7 +53,7 @@ def test_a_class_that_is_not_modelled_is_refused_by_name_with_the_nearest(
 ):
     problem = problem_of(model, MILLARD, {})
     muscles = dataclasses.replace(problem.motion.muscles, muscle_class=(MILLARD, opensim_class))
-    with raises(f"muscle 'm2' is a {opensim_class}, which is not modelled (nearest: {nearest};") as error:
+    with raises(f"muscle 'm2' is a {opensim_class}, which is not modelled (closest: {nearest}") as error:
         solve(dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)))
     is_one_sentence(error)
 
@@ -72,7 +72,7 @@ BAD_CURVES = [
     (THELEN, {"KshapeActive": -0.45}, "KshapeActive is -0.45, must be greater than 0"),
     (THELEN, {"Flen": 1.0}, "Flen is 1, must be greater than 1"),
     (THELEN, {"Flen": 1.04}, "must be greater than 1/Flen = 0.961538 for a monotone force-velocity curve"),
-    (THELEN, {"Fmax": 1.8}, "Thelen2003Muscle has no curve parameter 'Fmax' (closest: F"),
+    (THELEN, {"Fmax": 1.8}, "Thelen2003Muscle has no curve parameter 'Fmax' (available: "),
     (THELEN, {"Af": math.nan}, "Af is nan, expected a finite number"),
     (MILLARD, {"fiber_damping": -0.1}, "fiber_damping is -0.1, must be greater than -"),
     (

@@ -51,7 +51,7 @@ def parameters(classes, **changes):
     ],
 )
 def test_a_class_without_a_model_is_refused_by_name_with_the_nearest_one(opensim_class, nearest):
-    with pytest.raises(DataError, match=rf"'soleus' is a {opensim_class}.*nearest: {nearest}"):
+    with pytest.raises(DataError, match=rf"'soleus' is a {opensim_class}.*closest: {nearest}"):
         curves_of(opensim_class, "soleus")
     with pytest.raises(DataError, match=rf"'m1' is a {opensim_class}"):
         muscle_groups(parameters(["Thelen2003Muscle", opensim_class]))
@@ -223,7 +223,7 @@ A, F, P, T = (
         (
             "Thelen2003Muscle",
             {"KshapeActve": 0.5},
-            r"no curve parameter 'KshapeActve' \(closest: KshapeActive\)",
+            r"no curve parameter 'KshapeActve' \(closest: KshapeActive",
         ),
         ("DeGrooteFregly2016Muscle", {"fiber_damping": -0.1}, "fiber_damping is -0.1, must be greater than"),
         ("DeGrooteFregly2016Muscle", {"active_force_width_scale": 0.0}, "must be greater than 0"),
