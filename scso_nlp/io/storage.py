@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import os
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -35,8 +34,6 @@ UNITS_DESCRIPTION = (
 )
 #: A header longer than this is not a Storage header [bytes].
 MAX_HEADER_BYTES = 2**20
-#: A rotation beyond two turns, in what should be radians, is reported as suspicious [rad].
-SUSPICIOUS_ROTATION = 4 * math.pi
 
 _KEY_VALUE = re.compile(r"([A-Za-z_]\w*)\s*=\s*(.*)")
 _SIMM_KEYS = (
@@ -118,11 +115,20 @@ class Storage:
 
     @property
     def assumed_in_degrees(self) -> bool:
-        """Unit of the rotational columns: `in_degrees`, or what OpenSim takes where the file does not say.
+        """Unit of the rotational columns: `in_degrees`, or what OpenSim takes without it.
 
-        OpenSim reads ``.mot`` files without a version line in degrees and everything else in radians.
+        OpenSim reads ``.mot`` files without a version line in degrees and everything else in radians,
+        as what rtosim wrote is.
         """
-        return self._assumption()[0]
+        if self.in_degrees is not None:
+            return self.in_degrees
+        return self.is_old_mot and "rtosim" not in self.name.lower()
+
+    @property
+    def is_old_mot(self) -> bool:
+        """True for ``.mot`` files without a version line, whose angles OpenSim takes for degrees."""
+        version = re.match(r"\d+", self.header.get("version", ""))
+        return self.source.lower().endswith(".mot") and (version is None or int(version.group()) < 1)
 
     def index(self, label: str, *, suffixes: Sequence[str] = ()) -> int:
         """Find one column.
@@ -168,48 +174,6 @@ class Storage:
         """
         return self.values[:, self._find(tuple(labels), suffixes)]
 
-    def in_radians(self, rotational_labels: Iterable[str]) -> Storage:
-        """Return the same motion with the rotational columns in radians.
-
-        What is assumed where the file does not say its unit is logged (see :attr:`assumed_in_degrees`); so is
-        a rotation of more than two turns, because headers are known to be wrong.
-
-        Parameters
-        ----------
-        rotational_labels : iterable of str
-            The columns that are angles or angular velocities, as for :meth:`index`. All others stay
-            as they are.
-
-        Returns
-        -------
-        Storage
-            With `in_degrees` False.
-        """
-        rotational = self._find(tuple(rotational_labels), ())
-        degrees, reason, level = self._assumption()
-        if self.in_degrees is None and len(rotational):
-            unit = "degrees" if degrees else "radians"
-            logger.log(level, "%s: inDegrees is missing, %s assumed (%s)", self._where, unit, reason)
-        elif self.in_degrees is False and self._is_old_mot():
-            logger.warning(
-                "%s: radians, as its inDegrees=no says, but OpenSim reads .mot files without a version line "
-                "in degrees",
-                self._where,
-            )
-        values = self.values.copy()
-        if degrees:
-            values[:, rotational] = np.deg2rad(values[:, rotational])
-        large = [self.labels[c] for c in rotational if (np.abs(values[:, c]) > SUSPICIOUS_ROTATION).any()]
-        if large:
-            logger.warning(
-                "%s: more than two turns in %s when read in %s: does the header say the right unit?",
-                self._where,
-                ", ".join(large),
-                "degrees" if degrees else "radians",
-            )
-        header = {key: value for key, value in self.header.items() if key.lower() != "indegrees"}
-        return replace(self, values=values, in_degrees=False, header=header)
-
     def require_finite(self) -> Storage:
         """Return itself if every value is finite.
 
@@ -230,19 +194,6 @@ class Storage:
     @property
     def _where(self) -> str:
         return self.source or f"Storage {self.name!r}"
-
-    def _is_old_mot(self) -> bool:
-        version = re.match(r"\d+", self.header.get("version", ""))
-        return self.source.lower().endswith(".mot") and (version is None or int(version.group()) < 1)
-
-    def _assumption(self) -> tuple[bool, str, int]:
-        if self.in_degrees is not None:
-            return self.in_degrees, "the header says so", logging.DEBUG
-        if "rtosim" in self.name.lower():
-            return False, "rtosim writes radians", logging.INFO
-        if self._is_old_mot():
-            return True, "as OpenSim does for .mot files without a version line", logging.WARNING
-        return False, "as OpenSim does", logging.WARNING
 
     def _find(self, wanted: Sequence[str], suffixes: Sequence[str]) -> IntArray:
         table: dict[str, list[int]] = {}

@@ -99,6 +99,12 @@ def _in_degrees(motion: MotionInput, table: Storage) -> bool:
         logger.info(
             "%s: inDegrees is missing, %s as OpenSim does (in_degrees overrides)", motion.motion, unit
         )
+    elif motion.in_degrees is None and table.in_degrees is False and table.is_old_mot:
+        logger.warning(
+            "%s: radians, as its inDegrees=no says, but OpenSim reads .mot files without a version line in "
+            "degrees",
+            motion.motion,
+        )
     elif table.in_degrees is not None and table.in_degrees != in_degrees:
         logger.warning("%s: read in %s, although its header says otherwise", motion.motion, unit)
     return in_degrees

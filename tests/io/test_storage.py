@@ -320,56 +320,22 @@ def test_inverse_dynamics_columns_are_found_with_and_without_their_suffix():
         storage.column("knee_angle_r")
 
 
-def test_degrees_become_radians_in_the_named_columns_only():
-    storage = make(
-        values=[[180.0, 1.0], [90.0, 2.0]], in_degrees=True, header={"inDegrees": "yes", "version": "1"}
-    )
-    radians = storage.in_radians(["a"])
-    np.testing.assert_array_equal(radians.values, [[math.pi, 1], [math.pi / 2, 2]])
-    assert radians.in_degrees is False
-    assert "inDegrees" not in radians.header
-    assert storage.values[0, 0] == 180.0  # the original is as it was
-    assert radians.in_radians(["a"]).values.tolist() == radians.values.tolist()
-
-
 @pytest.mark.parametrize(
-    ("name", "title", "degrees", "level", "reason"),
-    [
-        ("ik.sto", "rtosim output", False, logging.INFO, "radians assumed (rtosim writes radians)"),
-        ("ik.sto", "Coordinates", False, logging.WARNING, "radians assumed (as OpenSim does)"),
-        (
-            "ik.mot",
-            "Coordinates",
-            True,
-            logging.WARNING,
-            "degrees assumed (as OpenSim does for .mot files without",
-        ),
-    ],
-)
-def test_what_is_assumed_without_indegrees_is_said(tmp_path, caplog, name, title, degrees, level, reason):
-    caplog.set_level(logging.INFO, logger="scso_nlp")
+    ("name", "title", "degrees"),
+    [("ik.sto", "rtosim output", False), ("ik.mot", "rtosim output", False), ("ik.sto", "Coordinates", False),
+     ("ik.mot", "Coordinates", True)],
+)  # fmt: skip
+def test_without_indegrees_the_unit_is_what_opensim_takes(tmp_path, name, title, degrees):
     storage = read_storage(write(tmp_path, f"{title}\nendheader\n" + LABELS + ROWS, name))
     assert storage.in_degrees is None
     assert storage.assumed_in_degrees is degrees
-    factor = math.pi / 180 if degrees else 1.0
-    np.testing.assert_allclose(storage.in_radians(["a"]).column("a"), [factor, 3 * factor], rtol=1e-15)
-    assert caplog.records[-1].levelno == level
-    assert caplog.records[-1].name == "scso_nlp"
-    assert reason in caplog.text
-    assert name in caplog.text
+    assert storage.is_old_mot is name.endswith(".mot")
 
 
-def test_a_header_that_contradicts_opensims_rule_is_trusted_and_said(tmp_path, caplog):
+def test_what_the_header_says_wins(tmp_path):
     path = write(tmp_path, HEADER.replace("version=1\n", "") + LABELS + ROWS, "old.mot")
-    assert read_storage(path).in_radians(["a"]).column("a").tolist() == [1, 3]
-    assert "OpenSim reads .mot files without a version line in degrees" in caplog.text
-
-
-def test_radians_beyond_two_turns_are_reported_as_suspicious(caplog):
-    make(values=[[10.0, 500.0], [60.0, 500.0]], in_degrees=False).in_radians(["a"])
-    assert caplog.messages == [
-        "Storage 'motion': more than two turns in a when read in radians: does the header say the right unit?"
-    ]
+    assert read_storage(path).assumed_in_degrees is False
+    assert read_storage(path).is_old_mot
 
 
 def test_require_finite_names_file_column_and_time(tmp_path):
@@ -625,12 +591,9 @@ def test_third_party_headers_and_units_are_understood(shared_data, caplog):
     elbow = read_storage(shared_data / "arm26/arm26_InverseKinematics.mot")
     assert elbow.in_degrees is None
     # the elbow flexes from about 1 to 90 degrees: the old .mot file is in degrees though it does not say so
-    assert elbow.in_radians(["r_elbow_flex"]).column("r_elbow_flex")[-1] == pytest.approx(
-        math.pi / 2, rel=0.01
-    )
-    lifting = read_storage(shared_data / "back_lifting/stoop15kg/ik.sto")
-    lifting.in_radians(["L5_S1_Flex_Ext"])
-    assert "radians assumed (rtosim writes radians)" in caplog.text
+    assert elbow.assumed_in_degrees
+    assert elbow.column("r_elbow_flex")[-1] == pytest.approx(90, rel=0.01)
+    assert not read_storage(shared_data / "back_lifting/stoop15kg/ik.sto").assumed_in_degrees
     walking = read_storage(shared_data / "walking3d/coordinates.sto")
     assert walking.values.shape == (1350, 31)
     assert walking.index("knee_angle_r") == walking.index("/jointset/walker_knee_r/knee_angle_r/value")

@@ -428,6 +428,30 @@ def test_a_states_file_gives_the_same_as_its_coordinates_and_speeds(tiny: Tiny) 
     np.testing.assert_allclose(by_states.generalized_forces, by_spline.generalized_forces, atol=1e-6)
 
 
+def test_a_header_that_names_the_wrong_unit_is_reported(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
+    """Degrees under inDegrees=no turn a joint many times; an old .mot is degrees to OpenSim in any case."""
+    t = np.linspace(0, 1, 51)
+    degrees = {"shoulder_flexion": 10 + 20 * t, "elbow_flexion": 5 * t}
+    common = {"model": tiny.model, "initial_time": 0.4, "final_time": 0.6}
+    motion = write_motion(tiny.folder / "wrong.sto", t, degrees)
+    load_motion(coordinates=motion, **common)
+    (message,) = (text for text in caplog.messages if "more than two turns" in text)
+    assert message.startswith(f"{motion}: more than two turns in shoulder_flexion when read in radians")
+    assert message.endswith("in_degrees = true reads it the other way")
+    caplog.clear()
+    load_motion(coordinates=motion, in_degrees=True, **common)
+    assert not any("two turns" in text for text in caplog.messages)
+    assert any("read in degrees, although its header says otherwise" in text for text in caplog.messages)
+    caplog.clear()
+    old = write_motion(tiny.folder / "old.mot", t, {name: np.deg2rad(v) for name, v in degrees.items()})
+    _replace(old, "version=1\n", "")
+    load_motion(coordinates=old, **common)
+    assert [text for text in caplog.messages if "inDegrees=no" in text] == [
+        f"{old}: radians, as its inDegrees=no says, "
+        "but OpenSim reads .mot files without a version line in degrees"
+    ]
+
+
 def test_a_setup_of_windows_reads_the_same(tiny: Tiny) -> None:
     expected = load_motion(tiny.setup)
     (tiny.folder / "sub").mkdir()

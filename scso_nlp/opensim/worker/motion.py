@@ -19,6 +19,8 @@ from scso_nlp.validation import FloatArray, IntArray
 LIGHT_SEGMENT = 0.01
 #: Speeds belong to a row of coordinates if their times differ by no more than this [s].
 SAME_TIME = 1e-6
+#: A rotation beyond two turns is reported: headers are known to name the wrong unit [rad].
+SUSPICIOUS_ROTATION = 4 * np.pi
 #: Degree of the splines that give speeds and accelerations.
 DEGREE = 5
 
@@ -35,7 +37,7 @@ class Kinematics:
     speeds: FloatArray  # (n_rows, n_u) [rad/s or m/s]
     accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline; NaN but in the rows to analyze
     rows: IntArray  # the rows to analyze
-    notes: list[Note]  # on missing columns
+    notes: list[Note]  # on missing columns and on units
 
 
 def read_kinematics(job: Job, model: Model) -> Kinematics:
@@ -63,6 +65,7 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
     if settings["in_degrees"]:
         values[:, model.coordinates.scales_with_degrees] *= np.pi / 180.0
     rows = _selected_rows(time, settings, job.motion.time)
+    notes += _notes_on_units(job, model, values[rows])
     if settings["states"] is not None:
         speeds = _speeds_of_states(settings["states"], model, storage, values)
     else:
@@ -126,6 +129,23 @@ def _notes_on_missing(
             "meant, name them in held_coordinates)"
         )
     return notes
+
+
+def _notes_on_units(job: Job, model: Model, values: FloatArray) -> list[Note]:
+    """Name the angles (n_rows, n_u) that turn so far that their unit may be wrong."""
+    large = (np.abs(values) > SUSPICIOUS_ROTATION).any(axis=0) & model.coordinates.scales_with_degrees
+    if not large.any():
+        return []
+    names = ", ".join(name for name, far in zip(model.coordinates.names, large, strict=True) if far)
+    unit, other = ("degrees", "false") if job.settings["in_degrees"] else ("radians", "true")
+    source = job.settings["states"] or job.settings["coordinates"]
+    return [
+        (
+            "WARNING",
+            f"{source}: more than two turns in {names} when read in {unit}: does the header say the right "
+            f"unit? in_degrees = {other} reads it the other way",
+        )
+    ]
 
 
 def _moved_mass(coordinate: osim.Coordinate, model: Model) -> float:
