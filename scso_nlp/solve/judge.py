@@ -108,6 +108,17 @@ def judge(outcome: Outcome, report: SolveReport) -> Solution:
     )
 
 
+def unknowns_of(program: FrameProgram, solution: Solution | None) -> FloatArray:
+    """Scaled unknowns (n_frames, n_unknowns) of a solution; what it lacks is from the terms' own guesses."""
+    guess = program.layout.rows("guess", program.time.size)
+    if solution is None:
+        return guess / program.layout.scale
+    parts = {(PROBLEM, "activation"): solution.activation, (PROBLEM, "control"): solution.control}
+    parts |= {tuple(name.rsplit(".", 1)): values for name, values in solution.variables.items()}  # type: ignore[misc]
+    given = program.layout.join(parts, guess)
+    return np.where(np.isfinite(given), given, guess) / program.layout.scale
+
+
 def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
     """Evaluate further stability constraints at a solution.
 
@@ -137,12 +148,8 @@ def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
     others = tuple(term for term in solution.problem.observed if term.name not in names)
     problem = replace(solution.problem, observed=(*others, *constraints))
     program = describe(problem)
-    parts = {(PROBLEM, "activation"): solution.activation, (PROBLEM, "control"): solution.control}
-    parts |= {tuple(name.rsplit(".", 1)): values for name, values in solution.variables.items()}  # type: ignore[misc]
-    guess = program.layout.rows("guess", program.time.size)
-    given = program.layout.join(parts, guess)
     missing = np.asarray(np.isnan(np.hstack([solution.activation, solution.control])).any(axis=1))
-    unknowns = np.where(np.isfinite(given), given, guess) / program.layout.scale
+    unknowns = unknowns_of(program, solution)
     rows = {**solution.rows, **_observed_rows(program, unknowns, missing)}
     matrices = {**solution.matrices, **_observed_matrices(program, unknowns, missing)}
     quantities = {

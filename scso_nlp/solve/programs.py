@@ -14,10 +14,9 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution, Status
 from scso_nlp.solve.feasibility import infeasible_rows, out_of_reach
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
-from scso_nlp.solve.judge import Outcome
+from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.transcription.build import Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.layout import PROBLEM
 from scso_nlp.transcription.piece import evaluate
 from scso_nlp.validation import FloatArray, IntArray
 
@@ -195,20 +194,14 @@ def starting_point(program: FrameProgram, guess: Solution | None) -> FloatArray:
     ProblemError
         The solution has another number of frames or muscles.
     """
-    n = program.time.size
-    unknowns = program.layout.rows("guess", n)
     if guess is not None:
-        expected = (n, program.problem.motion.muscles.n_muscles)
+        expected = (program.time.size, program.problem.motion.muscles.n_muscles)
         if guess.activation.shape != expected:
             raise ProblemError(
                 f"initial_guess has activations of shape {guess.activation.shape}, expected "
                 f"{expected} = (n_frames, n_muscles)"
             )
-        parts = {(PROBLEM, "activation"): guess.activation, (PROBLEM, "control"): guess.control}
-        parts |= {tuple(name.rsplit(".", 1)): v for name, v in guess.variables.items()}  # type: ignore[misc]
-        given = program.layout.join(parts, unknowns)
-        unknowns = np.where(np.isfinite(given), given, unknowns)
-    return unknowns / program.layout.scale
+    return unknowns_of(program, guess)
 
 
 def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
