@@ -34,6 +34,10 @@ class Status(enum.Enum):
         "No activations within their bounds satisfy all rows; see the named rows, add reserves, "
         "raise strengths or lower the stability level."
     )
+    NOT_OPTIMAL = (
+        "The rows are kept, but the answer could not be shown to be the optimum; try a smaller exponent or "
+        "min/max, weights and moments nearer to one, or another initial guess."
+    )
     ITERATION_LIMIT = "The iteration limit was reached; raise max_iterations or give a better initial guess."
     NUMERICAL_ERROR = "The solver met numbers it could not use; check the objective for NaN at its bounds."
 
@@ -132,24 +136,34 @@ class Optimality:
 
     Attributes
     ----------
+    feasibility : ndarray, shape (n_frames,) [-]
+        Largest violation of a row, over what the entries of the rows of its term add up to in the frame; and
+        of a bound, over its unknown.
     stationarity : ndarray, shape (n_frames,) [-]
-        Largest entry of r that no bound takes up, over the largest entry of the objective's gradient.
+        Largest entry of r that no bound takes up, over the largest entry of the objective's gradient g.
     complementarity : ndarray, shape (n_frames,) [-]
         Largest product of a multiplier and the distance to its bound, over the objective's size
-        :math:`\sum_i |x_i\, \partial f/\partial x_i|`.
+        :math:`\sum_i |x_i| \max(|g_i|, |g_i - g_i(\text{rest})|)`, rest being the point nearest to zero.
     duality_gap : ndarray, shape (n_frames,) [-]
         Sum of these products likewise: for a convex objective no point that keeps all rows costs less by
-        more; NaN where some row is not affine.
+        more; NaN where some row is not affine, infinite where the objective has vanished among the doubles.
 
     Notes
     -----
-    NaN in frames that are not solved. In scaled unknowns and rows. Frames that terms couple share their
-    neighbours' multipliers.
+    NaN in frames without an iterate. In scaled unknowns and rows. Frames that terms couple share their
+    neighbours' multipliers, and have one size.
     """
 
+    feasibility: FloatArray
     stationarity: FloatArray
     complementarity: FloatArray
     duality_gap: FloatArray
+
+    @property
+    def worst(self) -> FloatArray:
+        """Largest of these, shape (n_frames,) [-]."""
+        gap = np.where(np.isnan(self.duality_gap), self.complementarity, self.duality_gap)
+        return np.maximum(np.maximum(self.feasibility, self.stationarity), gap)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 from scso_nlp.solution import MatrixResult, RowResult, Shortfall
 from scso_nlp.stability.hessian import describe_turn
 from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.validation import FloatArray
 
 #: A row or bound may be missed by this much of its scale before a frame counts as infeasible [-].
 FEASIBILITY_TOLERANCE = 1e-6
@@ -131,6 +132,48 @@ def infeasible_rows(program: FrameProgram, frame: int) -> list[Shortfall]:
         for i in order
         if max(short[i], excess[i]) > FEASIBILITY_TOLERANCE
     ]
+
+
+def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
+    """Keep the affine rows of one frame with the least largest unknown, by a linear program.
+
+    Where the objective is a sum of powers of n unknowns, the largest of them at the optimum is at most the
+    n-th part of a power larger, so this gives the frame's scale.
+
+    Returns
+    -------
+    ndarray or None, shape (n_unknowns,)
+        Scaled; None where there is none, or where the program has rows that are not affine.
+    """
+    if program.split.nonlinear:
+        return None
+    affine = program.split.affine.frames(np.array([frame]))
+    lower, upper = (bound[frame] for bound in program.bounds())
+    matrix = affine.dense(program.layout.size)[0]
+    size = np.abs(matrix).max(axis=1, initial=0.0)
+    size = np.where(affine.is_empty[0] | (size == 0), np.inf, size)
+    row_lower, row_upper = (
+        (bound[affine.rows] - affine.constant[0]) / size for bound in (program.rows.lower, program.rows.upper)
+    )
+    matrix = np.where(np.isfinite(size)[:, None], matrix / size[:, None], 0.0)
+    eye, one = np.eye(lower.size), np.ones((lower.size, 1))
+    nothing = np.zeros((len(matrix), 1))
+    a_ub = np.vstack(
+        [
+            np.hstack([-matrix, nothing])[np.isfinite(row_lower)],
+            np.hstack([matrix, nothing])[np.isfinite(row_upper)],
+            np.hstack([eye, -one]),
+            np.hstack([-eye, -one]),
+        ]
+    )
+    b_ub = np.concatenate(
+        [-row_lower[np.isfinite(row_lower)], row_upper[np.isfinite(row_upper)], np.zeros(2 * lower.size)]
+    )
+    limits = [*zip(lower, upper, strict=True), (0.0, np.inf)]
+    result = linprog(
+        np.append(np.zeros(lower.size), 1.0), A_ub=a_ub, b_ub=b_ub, bounds=limits, method="highs"
+    )
+    return np.clip(result.x[:-1], lower, upper) if result.success else None
 
 
 def _shortfall(program: FrameProgram, frame: int, row: int, amount: float, wants_more: bool) -> Shortfall:

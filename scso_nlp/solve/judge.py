@@ -17,6 +17,7 @@ from scso_nlp.solution import (
     SMALLEST_EIGENVALUE,
     MatrixResult,
     MomentBalance,
+    Optimality,
     RowResult,
     Shortfall,
     Solution,
@@ -25,7 +26,7 @@ from scso_nlp.solution import (
     Status,
 )
 from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, infeasible_rows, worst_rows
-from scso_nlp.solve.optimality import optimality_of
+from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solve.threads import one_thread
 from scso_nlp.stability.hessian import smallest_eigenvalues
 from scso_nlp.transcription.describe import FrameProgram, describe
@@ -35,6 +36,8 @@ from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 LOOSE_VIOLATION = 1e-4
+#: A frame that is further from its optimum than this is not solved [-].
+LOOSE_OPTIMALITY = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +82,8 @@ def judge(outcome: Outcome, report: SolveReport) -> Solution:
     finite = np.nan_to_num(outcome.unknowns)
     rows = _row_results(program, finite, outcome.multipliers, missing)
     matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
-    status, shortfalls = _statuses(outcome, rows, matrices)
+    optimality = optimality_of(program, finite, outcome.multipliers, ~missing)
+    status, shortfalls = _statuses(outcome, rows, matrices, optimality)
     solved: BoolArray = np.array([s.is_solved for s in status])
     parts = program.layout.split(outcome.unknowns * program.layout.scale)
     activation, control = (parts.pop((PROBLEM, name)) for name in ("activation", "control"))
@@ -100,7 +104,7 @@ def judge(outcome: Outcome, report: SolveReport) -> Solution:
         matrices=matrices,
         stability=_stability(program, rows, matrices, solved),
         moment_balance=_moment_balance(program, force, control, solved),
-        optimality=optimality_of(program, finite, outcome.multipliers, solved),
+        optimality=optimality,
         objective_terms=_objective_terms(program, finite, solved),
         violation=_violations(program, finite, rows, matrices, solved),
         shortfalls=shortfalls,
@@ -293,15 +297,26 @@ def _matrix_result(
 
 
 def _statuses(
-    outcome: Outcome, rows: dict[str, RowResult], matrices: dict[str, MatrixResult]
+    outcome: Outcome,
+    rows: dict[str, RowResult],
+    matrices: dict[str, MatrixResult],
+    optimality: Optimality,
 ) -> tuple[tuple[Status, ...], tuple[Shortfall, ...]]:
-    """Hold what the solver said of each frame against its rows; worst shortfalls of failed frames first."""
+    """Hold what the solver said of each frame against its rows and the conditions of an optimum.
+
+    Worst shortfalls of failed frames come first.
+    """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
+    worst = np.nan_to_num(optimality.worst, nan=np.inf)
     for k, found in enumerate(status):
         if found.is_solved and violation[k] > LOOSE_VIOLATION:
             status[k] = Status.NUMERICAL_ERROR
-        elif found is Status.SOLVED and violation[k] > FEASIBILITY_TOLERANCE:
+        elif found.is_solved and worst[k] > LOOSE_OPTIMALITY:
+            status[k] = Status.NOT_OPTIMAL
+        elif found is Status.SOLVED and (
+            violation[k] > FEASIBILITY_TOLERANCE or worst[k] > OPTIMALITY_TOLERANCE
+        ):
             status[k] = Status.ACCEPTABLE
     shortfalls = list(outcome.shortfalls)
     reached = {shortfall.frame for shortfall in shortfalls}

@@ -13,7 +13,15 @@ from scso_nlp.transcription.piece import evaluate
 from scso_nlp.transcription.rows import RowTable
 from scso_nlp.validation import BoolArray, FloatArray
 
+#: A frame that is further from its optimum is solved again, and at most acceptable [-].
+OPTIMALITY_TOLERANCE = 1e-6
 
+_TINY = float(np.finfo(float).tiny)
+#: An objective of less than this size has lost digits to the end of the doubles.
+_LEAST_SIZE = 1e-290
+
+
+@np.errstate(over="ignore", invalid="ignore")
 def optimality_of(
     program: FrameProgram,
     unknowns: FloatArray,
@@ -38,34 +46,51 @@ def optimality_of(
     Optimality
     """
     gradient = _objective_gradient(program, unknowns)
+    lower, upper = program.bounds()
+    rest = np.clip(0.0, lower, upper)
+    rise = np.maximum(np.abs(gradient), np.abs(gradient - np.nan_to_num(_objective_gradient(program, rest))))
     lam = tuple(np.nan_to_num(m) for m in multipliers)
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
+    missed = np.zeros(len(unknowns))
     for is_pair, table in enumerate((program.rows, program.pair_rows)):
         if len(table):
-            push, product = _reaction(program, unknowns, table, lam[is_pair], is_pair=bool(is_pair))
+            push, product, violation = _reaction(
+                program, unknowns, table, lam[is_pair], is_pair=bool(is_pair)
+            )
             lagrangian += push
             products = np.hstack([products, product])
-    lower, upper = program.bounds()
+            missed = np.maximum(missed, violation)
+    outside = np.maximum(np.maximum(lower - unknowns, unknowns - upper), 0.0)
+    missed = np.maximum(missed, (outside / np.maximum(np.abs(unknowns), _TINY)).max(axis=1, initial=0.0))
     up, down = np.maximum(lagrangian, 0.0), np.maximum(-lagrangian, 0.0)
     has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
     left = np.where(has_lower, 0.0, up) + np.where(has_upper, 0.0, down)
     at_lower = up * np.where(has_lower, np.abs(unknowns - lower), 0.0)
     at_upper = down * np.where(has_upper, np.abs(upper - unknowns), 0.0)
     products = np.hstack([products, at_lower, at_upper])
-    slope = np.abs(gradient).max(axis=1, initial=0.0)
-    size = np.abs(gradient * unknowns).sum(axis=1)
-    tiny = np.finfo(float).tiny
+    slope, size = rise.max(axis=1, initial=0.0), (rise * np.abs(unknowns)).sum(axis=1)
+    if program.is_coupled:
+        slope[:], size[:] = slope.max(initial=0.0), size.mean()
+    # What vanishes among the smallest doubles, away from rest, cannot be graded.
+    size[(size < _LEAST_SIZE) & (unknowns != rest).any(axis=1) & _has_slope(program)] = np.nan
     gap = np.full(len(unknowns), np.nan) if program.split.nonlinear else products.sum(axis=1)
 
-    def where_solved(values: FloatArray) -> FloatArray:
-        return np.where(solved, values, np.nan)
+    def share(values: FloatArray, of: FloatArray) -> FloatArray:
+        known = np.where(np.isfinite(of), values / np.maximum(of, _TINY), np.inf)
+        return np.where(solved, np.where(np.isnan(values), np.nan, known), np.nan)
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        return Optimality(
-            stationarity=where_solved(left.max(axis=1, initial=0.0) / np.maximum(slope, tiny)),
-            complementarity=where_solved(products.max(axis=1, initial=0.0) / np.maximum(size, tiny)),
-            duality_gap=where_solved(gap / np.maximum(size, tiny)),
-        )
+    return Optimality(
+        feasibility=np.where(solved, missed, np.nan),
+        stationarity=share(left.max(axis=1, initial=0.0), slope),
+        complementarity=share(products.max(axis=1, initial=0.0), size),
+        duality_gap=share(gap, size),
+    )
+
+
+def _has_slope(program: FrameProgram) -> BoolArray:
+    """Tell in which frames the objective changes at all, shape (n_frames,)."""
+    half = np.clip(0.5, *program.bounds())
+    return (np.nan_to_num(_objective_gradient(program, half)) != 0).any(axis=1)
 
 
 def _objective_gradient(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
@@ -80,13 +105,21 @@ def _objective_gradient(program: FrameProgram, unknowns: FloatArray) -> FloatArr
 
 def _reaction(
     program: FrameProgram, unknowns: FloatArray, table: RowTable, lam: FloatArray, *, is_pair: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Give what rows push with, shape (n_frames, size), and products of multipliers and distances."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Give what rows push with, shape (n_frames, size), products of multipliers and distances, violations.
+
+    A violation is relative to what the entries of the rows of its term add up to in the frame.
+    """
     n_frames, size = unknowns.shape
     value = np.zeros(lam.shape)
+    own = np.ones(lam.shape)
     affine = program.split.affine_pairs if is_pair else program.split.affine
     matrix = affine.matrix(affine.values, size)
     value[:, affine.rows] = (matrix @ unknowns.ravel()).reshape(affine.constant.shape) + affine.constant
+    entries = (abs(matrix) @ np.abs(unknowns).ravel()).reshape(affine.constant.shape)
+    own[:, affine.rows] = entries + np.abs(affine.constant)
+    for _, where in table:
+        own[:, where] = own[:, where].max(axis=1, initial=_TINY)[:, None]
     weights = np.where(affine.is_empty, 0.0, lam[:, affine.rows])
     push = (matrix.T @ weights.ravel()).reshape(n_frames, size)
     for piece, rows in program.split.nonlinear:
@@ -104,10 +137,11 @@ def _reaction(
         slopes = evaluate(weighted, weighted.slope(), unknowns, arrays)[0]
         for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
             push[side : side + len(part)] += part
+    outside = np.maximum(np.maximum(table.lower - value, value - table.upper), 0.0)
     distance = np.where(lam < 0, value - table.lower, table.upper - value)
-    product = np.abs(lam) * np.where(
-        np.isfinite(distance) & (table.lower < table.upper), np.abs(distance), 0.0
-    )
+    product = np.abs(lam) * np.where(np.isfinite(distance), np.abs(distance), 0.0)
+    violation = (outside / own).max(axis=1, initial=0.0)
     if is_pair:  # a pair's rows stand at its later frame
         product = np.vstack([np.zeros((1, product.shape[1])), product])
-    return push, product
+        violation = np.append(0.0, violation)
+    return push, product, violation

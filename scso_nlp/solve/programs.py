@@ -12,10 +12,11 @@ import numpy as np
 
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution, Status
-from scso_nlp.solve.feasibility import infeasible_rows, out_of_reach
+from scso_nlp.solve.feasibility import infeasible_rows, least_effort, out_of_reach
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
-from scso_nlp.transcription.build import Nlp, build_nlp
+from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
 from scso_nlp.validation import FloatArray, IntArray
@@ -24,6 +25,12 @@ _LOG = logging.getLogger("scso_nlp")
 
 #: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
 _LEAST_EFFORT = 1e-3
+
+#: A frame is solved again while that brings it this much nearer to its optimum [-].
+_NEARER = 0.5
+
+#: Smallest scale of the unknowns of a frame [-].
+_LEAST_SCALE = 1e-12
 
 
 @dataclass(kw_only=True)
@@ -84,11 +91,13 @@ def solve_rows(
             np.full((max(n - 1, 0), len(program.pair_rows)), np.nan),
         ),
         status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
-        weights=frame_weights(program, start),
+        scale=FrameScale.of_weights(program, frame_weights(program, start)),
     )
     effort.build_seconds += time.perf_counter() - started
     if run.waiting.size:
         run.together() if together else run.one_by_one()
+        if not program.is_coupled:
+            run.again()
     run.unknowns[sorted(lost)] = np.nan
     return Outcome(
         program=program,
@@ -110,7 +119,7 @@ class _Run:
     unknowns: FloatArray
     multipliers: tuple[FloatArray, FloatArray]
     status: list[Status | None]
-    weights: FloatArray
+    scale: FrameScale
     bounds: tuple[FloatArray, FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -153,28 +162,84 @@ class _Run:
         for k in self.waiting:
             self.status[k] = self._call(nlp, solver, np.array([k])).status
 
-    def _build(self, n_frames: int) -> tuple[Nlp, ca.Function]:
+    def again(self) -> None:
+        """Solve frames that are not at their optimum again, alone and on their own scale, while it helps.
+
+        They start where they are, or else, and if they failed, from the terms' own guesses.
+        """
+        worst = self._worst()
+        if (worst <= OPTIMALITY_TOLERANCE).all():
+            return
+        self._rest(worst)
+        waiting = np.isfinite(worst) & (worst > OPTIMALITY_TOLERANCE)
+        afresh = np.isinf(worst)
+        for k in np.flatnonzero(afresh):
+            afresh[k] = not infeasible_rows(self.program, int(k))
+        fresh = starting_point(self.program, None)
+        for k in np.flatnonzero(waiting | afresh):
+            point = least_effort(self.program, int(k))
+            fresh[k] = fresh[k] if point is None else point
+        may_start_afresh = waiting.copy()
+        compiled = None
+        while (waiting | afresh).any():
+            compiled = compiled or self._build(1, is_scaled=True)
+            loose = np.flatnonzero(waiting | afresh)
+            self.start = np.where(afresh[:, None], fresh, self.unknowns)
+            self.scale = own_scale(self.program, self.start)
+            kept = self.unknowns.copy(), self.multipliers[0].copy(), list(self.status)
+            for k in loose:
+                self.status[k] = self._call(*compiled, np.array([k])).status
+            found = self._worst()
+            better = found < _NEARER * worst
+            for k in loose[~better[loose]]:
+                self.unknowns[k], self.multipliers[0][k], self.status[k] = kept[0][k], kept[1][k], kept[2][k]
+            worst = np.where(better, found, worst)
+            open_ = (waiting | afresh) & (worst > OPTIMALITY_TOLERANCE)
+            waiting = open_ & better
+            afresh = open_ & ~better & may_start_afresh
+            may_start_afresh &= ~afresh
+
+    def _worst(self) -> FloatArray:
+        """How far each frame is from its optimum, shape (n_frames,); infinite where it is not solved."""
+        solved = np.array([s is not None and s.is_solved for s in self.status])
+        unknowns = np.where(solved[:, None], self.unknowns, self.start)
+        found = optimality_of(self.program, unknowns, self.multipliers, solved).worst
+        return np.where(solved, np.nan_to_num(found, nan=np.inf), np.inf)
+
+    def _rest(self, worst: FloatArray) -> None:
+        """Take the point nearest to zero where it is the optimum, which no barrier reaches."""
+        rest = np.clip(0.0, *self.bounds)
+        multipliers = np.zeros_like(self.multipliers[0]), np.zeros_like(self.multipliers[1])
+        found = optimality_of(self.program, rest, multipliers, np.ones(len(rest), dtype=bool)).worst
+        for k in np.flatnonzero((found <= OPTIMALITY_TOLERANCE) & (worst > OPTIMALITY_TOLERANCE)):
+            self.unknowns[k], self.multipliers[0][k] = rest[k], 0.0
+            self.status[k], worst[k] = Status.SOLVED, found[k]
+
+    def _build(self, n_frames: int, *, is_scaled: bool = False) -> tuple[Nlp, ca.Function]:
         started = time.perf_counter()
-        nlp = build_nlp(self.program, n_frames)
+        nlp = build_nlp(self.program, n_frames, is_scaled=is_scaled)
         solver = compile_ipopt(nlp, self.options)
         self.effort.build_seconds += time.perf_counter() - started
         return nlp, solver
 
     def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
         started = time.perf_counter()
-        lower, upper = self.bounds
+        size = self.scale.unknowns[frames, None]
+        lower, upper = (bound[frames] / size for bound in self.bounds)
         answer = call_ipopt(
             solver,
-            x0=self.start[frames].ravel(),
-            p=nlp.parameters(frames, self.weights[frames]),
-            bounds=(lower[frames].ravel(), upper[frames].ravel()),
-            row_bounds=nlp.row_bounds(frames),
+            x0=(self.start[frames] / size).ravel(),
+            p=nlp.parameters(frames, self.scale),
+            bounds=(lower.ravel(), upper.ravel()),
+            row_bounds=nlp.row_bounds(frames, self.scale),
         )
-        self.unknowns[frames] = answer.x.reshape(frames.size, -1)
-        one, pair = nlp.multipliers(answer.lam_g)
-        self.multipliers[0][frames] = one / self.weights[frames, None]
+        self.unknowns[frames] = np.clip(
+            answer.x.reshape(frames.size, -1) * size, *(b[frames] for b in self.bounds)
+        )
+        one, pair = nlp.multipliers(answer.lam_g, frames, self.scale)
+        self.multipliers[0][frames] = one
         if frames.size > 1 and pair.size:
-            self.multipliers[1][:] = pair / self.weights[0]  # one weight for all where frames are coupled
+            self.multipliers[1][:] = pair
         if answer.status.is_solved:
             self._set(frames, answer.status)
         self.effort.iterations += answer.iterations
@@ -201,7 +266,37 @@ def starting_point(program: FrameProgram, guess: Solution | None) -> FloatArray:
                 f"initial_guess has activations of shape {guess.activation.shape}, expected "
                 f"{expected} = (n_frames, n_muscles)"
             )
-    return unknowns_of(program, guess)
+    return np.clip(unknowns_of(program, guess), *program.bounds())
+
+
+def own_scale(program: FrameProgram, unknowns: FloatArray) -> FrameScale:
+    """Scale each frame by the size of its objective, unknowns and affine rows at a point.
+
+    Parameters
+    ----------
+    program : FrameProgram
+        Without coupling.
+    unknowns : ndarray, shape (n_frames, n_unknowns)
+        Scaled and finite.
+
+    Returns
+    -------
+    FrameScale
+        Unknowns keep their scale where rows are not affine, because these have scales of their own.
+    """
+    affine = program.split.affine
+    size = np.ones(len(unknowns))
+    if not program.split.nonlinear:
+        size = np.clip(np.abs(unknowns).max(axis=1, initial=0.0), _LEAST_SCALE, 1.0)
+    rows = np.zeros((len(unknowns), len(program.rows)))
+    entries = np.abs(affine.values) * size[:, None]
+    for entry, row in enumerate(affine.row):
+        rows[:, row] = np.maximum(rows[:, row], entries[:, entry])
+    return FrameScale(
+        weight=1.0 / _objective_size(program, unknowns, ()),
+        unknowns=size,
+        rows=np.where(rows > 0, rows, 1.0),
+    )
 
 
 def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
@@ -212,15 +307,23 @@ def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
     the solver's tolerance. The size of an objective f is :math:`\sum_i |x_i\, \partial f/\partial x_i|`,
     which a constant offset does not change.
     """
+    size = _objective_size(program, unknowns, (np.full_like(unknowns, _LEAST_EFFORT),))
+    if program.is_coupled:
+        size[:] = size.mean()
+    return 1.0 / size
+
+
+def _objective_size(
+    program: FrameProgram, unknowns: FloatArray, others: tuple[FloatArray, ...]
+) -> FloatArray:
+    """Sum of |x df/dx|, the largest of all points, shape (n_frames,); 1 where it is zero."""
     size = np.zeros(len(unknowns))
     for _, piece in program.objectives:
         slope = piece.slope()
-        for point in (unknowns, np.full_like(unknowns, _LEAST_EFFORT)):
+        for point in (unknowns, *others):
             slopes = np.abs(evaluate(piece, slope, point, program.arrays)[0])
             for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
                 frames = slice(side, side + len(part))
                 value = (part * np.abs(point[frames])).sum(axis=1)
                 size[frames] = np.maximum(size[frames], np.where(np.isfinite(value), value, 0.0))
-    if program.is_coupled:
-        size[:] = size.mean()
-    return 1.0 / np.where(size > np.finfo(float).tiny, size, 1.0)
+    return np.where(size > np.finfo(float).tiny, size, 1.0)

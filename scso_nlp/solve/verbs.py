@@ -18,6 +18,7 @@ from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.solve.judge import Outcome, judge
 from scso_nlp.solve.local_model import local_model
 from scso_nlp.solve.programs import Effort, solve_rows, starting_point
+from scso_nlp.solve.redundant import without_redundant_rows
 from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.turns import matrix_models, with_turns
@@ -117,7 +118,7 @@ def _solve(
         for note in term.notes(problem.motion):
             _LOG.info("%s: %s", problem.motion.name, note)
     started = time.perf_counter()
-    program = describe(problem)
+    program = without_redundant_rows(describe(problem))
     if program.matrices:
         options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
     effort = Effort(build_seconds=time.perf_counter() - started)
@@ -201,7 +202,7 @@ def _gentle_start(
         return start
     start = _gentle_start(gentler, start, turns, together=together, options=options, effort=effort)
     started = time.perf_counter()
-    program = describe(gentler)
+    program = without_redundant_rows(describe(gentler))
     rows = with_turns(program, matrix_models(program), turns.turns) if turns.turns else program
     effort.build_seconds += time.perf_counter() - started
     outcome = solve_rows(

@@ -17,13 +17,39 @@ from scso_nlp.validation import FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True)
+class FrameScale:
+    """What the numbers of each frame are multiplied by for the solver.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (n_frames,)
+        Multiplies the objective.
+    unknowns : ndarray, shape (n_frames,)
+        Unknowns are those of the solver times this; 1 in a program of several frames.
+    rows : ndarray, shape (n_frames, n_rows)
+        Rows are those of the solver times this; 1 for rows that are not affine.
+    """
+
+    weight: FloatArray
+    unknowns: FloatArray
+    rows: FloatArray
+
+    @classmethod
+    def of_weights(cls, program: FrameProgram, weight: FloatArray) -> FrameScale:
+        """Weigh objectives only."""
+        n = program.time.size
+        return cls(weight=weight, unknowns=np.ones(n), rows=np.ones((n, len(program.rows))))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Nlp:
     """A nonlinear program over `n_frames` frames whose numbers are parameters.
 
     Parameters are, in order: values of the affine matrix (frame by frame), frame weights of the
-    objective, then the data of every nonlinear piece. The constants of the affine rows stand in the
-    row bounds. Rows are, in order: affine rows frame by frame, affine pair rows, then every nonlinear
-    piece frame by frame. With four frames, o a block of one frame and p of a pair, the Jacobian of g is::
+    objective, scales of the unknowns if `is_scaled`, then the data of every nonlinear piece. The constants
+    of the affine rows stand in the row bounds. Rows are, in order: affine rows frame by frame, affine pair
+    rows, then every nonlinear piece frame by frame. With four frames, o a block of one frame and p of a
+    pair, the Jacobian of g is::
 
                       x_1 x_2 x_3 x_4
         affine rows    o
@@ -51,6 +77,8 @@ class Nlp:
     data_keys : tuple of (offset, key, is_pair)
         Where the data parameters come from, in their order.
     objective_is_quadratic : bool
+    is_scaled : bool
+        True if the unknowns may have a scale by frame.
     """
 
     program: FrameProgram
@@ -63,6 +91,7 @@ class Nlp:
     p: ca.MX
     data_keys: tuple[tuple[int, Key, bool], ...]
     objective_is_quadratic: bool
+    is_scaled: bool
 
     @property
     def rows_are_affine(self) -> bool:
@@ -77,16 +106,21 @@ class Nlp:
         tables = (self.program.rows, self.program.pair_rows)
         return tuple((tables[is_pair], rows, self.n_frames - is_pair) for is_pair, rows in parts)
 
-    def parameters(self, frames: IntArray, frame_weights: FloatArray) -> FloatArray:
+    def parameters(self, frames: IntArray, scale: FrameScale) -> FloatArray:
         """Numbers for `n_frames` frames, shape (n_parameters,); pairs are neighbours in `frames`."""
-        parts = [a.values[frames[: len(frames) - a.is_pair]].ravel() for a in self.affine]
-        parts.append(frame_weights)
+        one, *pairs = self.affine
+        factor = scale.unknowns[frames, None] / scale.rows[frames]
+        parts = [(one.values[frames] * factor[:, one.row]).ravel()]
+        parts += [pair.values[frames[:-1]].ravel() for pair in pairs]
+        parts.append(scale.weight[frames])
+        if self.is_scaled:
+            parts.append(scale.unknowns[frames])
         for offset, key, pair in self.data_keys:
             which = frames[offset : offset + self.n_frames - pair]
             parts.append(as_columns(self.program.arrays[key][which]).T.ravel())
         return np.concatenate(parts)
 
-    def row_bounds(self, frames: IntArray) -> tuple[FloatArray, FloatArray]:
+    def row_bounds(self, frames: IntArray, scale: FrameScale) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of all rows of `n_frames` frames, shape (n_rows,)."""
         lower, upper = [np.zeros(0)], [np.zeros(0)]
         for i, (table, rows, n) in enumerate(self.groups):
@@ -96,12 +130,19 @@ class Nlp:
                 free = affine.is_empty[which]
                 low = np.where(free, -np.inf, low - affine.constant[which])
                 high = np.where(free, np.inf, high - affine.constant[which])
+            if i == 0:
+                low, high = (bound / scale.rows[np.ix_(which, rows)] for bound in (low, high))
             lower.append(low.ravel())
             upper.append(high.ravel())
         return np.concatenate(lower), np.concatenate(upper)
 
-    def multipliers(self, lam_g: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sort row multipliers by frame, shapes (n_frames, rows) and (n_frames - 1, pair rows)."""
+    def multipliers(
+        self, lam_g: FloatArray, frames: IntArray, scale: FrameScale
+    ) -> tuple[FloatArray, FloatArray]:
+        """Sort row multipliers by frame, shapes (n_frames, rows) and (n_frames - 1, pair rows).
+
+        They belong to the objective without weights. Frames that pairs couple have one weight.
+        """
         one = np.zeros((self.n_frames, len(self.program.rows)))
         pair = np.zeros((self.n_frames - 1, len(self.program.pair_rows)))
         start = 0
@@ -109,10 +150,11 @@ class Nlp:
             target = one if table is self.program.rows else pair
             target[:, rows] = lam_g[start : start + n * rows.size].reshape(n, rows.size)
             start += n * rows.size
-        return one, pair
+        weight = scale.weight[frames]
+        return one / (weight[:, None] * scale.rows[frames]), pair / weight[0]
 
 
-def build_nlp(program: FrameProgram, n_frames: int) -> Nlp:
+def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) -> Nlp:
     """Assemble the program over `n_frames` frames; numbers are parameters, so it is built once.
 
     Parameters
@@ -120,6 +162,8 @@ def build_nlp(program: FrameProgram, n_frames: int) -> Nlp:
     program : FrameProgram
     n_frames : int
         1 for the frame-wise solve, all frames for the trajectory-wide one.
+    is_scaled : bool
+        Whether unknowns may have a scale by frame.
 
     Returns
     -------
@@ -147,6 +191,10 @@ def build_nlp(program: FrameProgram, n_frames: int) -> Nlp:
         )
     weights = ca.MX.sym("frame_weights", n_frames)
     parameters.append(weights)
+    if is_scaled:
+        sizes = ca.MX.sym("unknown_scales", n_frames)
+        parameters.append(sizes)
+        by_frame = by_frame * ca.repmat(sizes.T, size, 1)
     data_keys: list[tuple[int, Key, bool]] = []
 
     def mapped(piece: Piece) -> ca.MX:
@@ -180,6 +228,7 @@ def build_nlp(program: FrameProgram, n_frames: int) -> Nlp:
         p=ca.vertcat(*parameters),
         data_keys=tuple(data_keys),
         objective_is_quadratic=quadratic,
+        is_scaled=is_scaled,
     )
 
 
@@ -257,7 +306,8 @@ def build_program(problem: MuscleForceProblem) -> Program:
     nlp = build_nlp(described, n)
     frames = np.arange(n)
     lower, upper = described.bounds()
-    row_lower, row_upper = nlp.row_bounds(frames)
+    scale = FrameScale.of_weights(described, np.ones(n))
+    row_lower, row_upper = nlp.row_bounds(frames, scale)
     layout = described.layout
     row_names, blocks = [], []
     for i, (table, rows, times) in enumerate(nlp.groups):
@@ -277,7 +327,7 @@ def build_program(problem: MuscleForceProblem) -> Program:
         p=nlp.p,
         f=nlp.f,
         g=nlp.g,
-        parameters=nlp.parameters(frames, np.ones(n)),
+        parameters=nlp.parameters(frames, scale),
         initial_guess=(layout.rows("guess", n) / layout.scale).ravel(),
         lower=lower.ravel(),
         upper=upper.ravel(),

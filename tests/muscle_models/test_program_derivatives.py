@@ -10,7 +10,7 @@ import pytest
 from muscle_models.mixed_muscles import CLASSES, DE_GROOTE, MILLARD, RIGID, SHAPES, THELEN, mixed_problem
 
 import scso_nlp as scso
-from scso_nlp.transcription.build import build_nlp
+from scso_nlp.transcription.build import FrameScale, build_nlp
 from scso_nlp.transcription.describe import describe
 
 #: Step in scaled unknowns, activations and fiber lengths of about 1. Truncation h^4 f'''''/30 and rounding
@@ -44,7 +44,7 @@ def check(problem, activation, fibers=None, excitation=None, seed=0):
     program = describe(problem)
     n_frames = problem.motion.trajectory.n_frames
     nlp = build_nlp(program, n_frames)
-    p = nlp.parameters(np.arange(n_frames), np.ones(n_frames))
+    p = nlp.parameters(np.arange(n_frames), FrameScale.of_weights(program, np.ones(n_frames)))
     parts = {("problem", "activation"): activation, ("problem", "control"): rng.normal(size=(n_frames, 2))}
     if fibers is not None:
         parts["CompliantTendon", "fiber_length_along_tendon"] = fibers

@@ -12,7 +12,7 @@ from coupled_terms import CappedEffort, CurvedPair, RateLimit, Smoothness, Weigh
 from helpers import central_difference, random_problem, stability_by_hand
 
 import scso_nlp as scso
-from scso_nlp.transcription.build import build_nlp
+from scso_nlp.transcription.build import FrameScale, build_nlp
 from scso_nlp.transcription.describe import describe
 
 #: Central differences with this step are good to about step² times a third derivative.
@@ -31,7 +31,10 @@ class Program:
         self.weights = (
             np.linspace(0.5, 2.0, len(frames)) if not problem.coupled_terms else np.ones(len(frames))
         )
-        self.p = nlp.parameters(self.frames, self.weights)
+        weights = np.ones(program.time.size)
+        weights[self.frames] = self.weights
+        self.scale = FrameScale.of_weights(program, weights)
+        self.p = nlp.parameters(self.frames, self.scale)
         multipliers = ca.MX.sym("lam", nlp.g.numel())
         lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
         self.hessian_of = ca.Function("h", [nlp.x, nlp.p, multipliers], [ca.hessian(lagrangian, nlp.x)[0]])
@@ -131,7 +134,7 @@ def test_the_program_has_the_values_that_its_terms_say(rng):
     equilibrium -= trajectory.generalized_forces
     stiffness, work = stability_by_hand(problem)
     stability = np.einsum("kum,km->ku", stiffness, force) - work
-    lower, upper = program.nlp.row_bounds(program.frames)
+    lower, upper = program.nlp.row_bounds(program.frames, program.scale)
     g = program.g(x)
     # Affine rows lack their constants, which stand in the bounds: distances to a bound are comparable.
     affine = np.hstack([equilibrium, stability / 10.0])

@@ -18,8 +18,8 @@ REPORT = SolveReport(
 )
 
 
-def judged(problem, activation, *, status=Status.SOLVED, control=None):
-    """What becomes of activations that a solver calls solved."""
+def judged(problem, activation, *, status=Status.SOLVED, control=None, like=None):
+    """What becomes of activations that a solver calls solved, with the multipliers of a solution."""
     program = describe(problem)
     parts = {("problem", "activation"): np.atleast_2d(activation)}
     if control is not None:
@@ -27,6 +27,9 @@ def judged(problem, activation, *, status=Status.SOLVED, control=None):
     n = program.time.size
     unknowns = program.layout.join(parts, program.layout.rows("guess", n)) / program.layout.scale
     multipliers = np.zeros((n, len(program.rows))), np.zeros((n - 1, len(program.pair_rows)))
+    if like is not None:
+        for block, where in program.rows:
+            multipliers[0][:, where] = -like.rows[block.term].multiplier * block.scale
     return judge(
         Outcome(program=program, unknowns=unknowns, multipliers=multipliers, status=(status,) * n), REPORT
     )
@@ -46,9 +49,9 @@ def judged(problem, activation, *, status=Status.SOLVED, control=None):
 def test_a_frame_is_called_what_its_rows_say_whatever_the_solver_said(missing, expected, sign):
     """One muscle more or less active changes the moment by 145 N·m per unit; the row's scale is 1 N·m."""
     problem = elbow([60.0])
-    exact = scso.solve_framewise(problem, options=scso.SolverOptions(tolerance=1e-12)).activation
-    moved = exact + sign * np.array([[missing / 145.0, 0.0, 0.0]])
-    solution = judged(problem, moved)
+    exact = scso.solve_framewise(problem, options=scso.SolverOptions(tolerance=1e-12))
+    moved = exact.activation + sign * np.array([[missing / 145.0, 0.0, 0.0]])
+    solution = judged(problem, moved, like=exact)
     assert solution.frame_status == (expected,)
     assert (
         solution.violation["MomentEquilibrium"] == pytest.approx(missing, rel=1e-3) or not expected.is_solved
@@ -69,7 +72,7 @@ def test_a_stability_row_is_held_against_its_own_scale(rng):
         level = {f"elbow_{axis}": value[i] + (missing if i == 0 else -1.0) for i, axis in enumerate("xyz")}
         harder = dataclasses.replace(problem.constraints[1], level=level)
         asked = dataclasses.replace(problem, constraints=(problem.constraints[0], harder))
-        assert judged(asked, solution.activation).frame_status == (expected,)
+        assert judged(asked, solution.activation, like=solution).frame_status == (expected,)
 
 
 def test_what_the_solver_called_infeasible_is_not_where_all_rows_can_be_kept(rng):
@@ -133,6 +136,30 @@ def test_a_point_that_is_no_optimum_is_seen(rng):
     solution = scso.solve_trajectory(problem)
     worse = judged(problem, solution.activation, control=solution.control)  # without multipliers
     assert worse.optimality.stationarity.min() > 1e-3 or worse.optimality.complementarity.min() > 1e-3
+
+
+def test_a_frame_that_is_not_at_its_optimum_is_called_so(rng):
+    """Between optimum and another point that keeps all rows, with the multipliers of the optimum."""
+    problem = random_problem(rng, n_frames=1, reserve=5.0, stability=False)
+    best = scso.solve_framewise(problem, options=scso.SolverOptions(tolerance=1e-12))
+    weights = {"*": 1.0, "m1": 3.0}
+    other = scso.solve_framewise(
+        dataclasses.replace(problem, objectives=(scso.ActivationEffort(weights=weights),))
+    )
+    found = []
+    for share in (0.0, 1e-8, 1e-5, 1.0):
+        activation, control = (
+            getattr(best, name) * (1 - share) + getattr(other, name) * share
+            for name in ("activation", "control")
+        )
+        solution = judged(problem, activation, control=control, like=best)
+        found.append((solution.status, float(solution.optimality.worst[0])))
+    assert [status for status, _ in found] == [
+        Status.SOLVED,
+        Status.SOLVED,
+        Status.ACCEPTABLE,
+        Status.NOT_OPTIMAL,
+    ], found
 
 
 def test_curved_rows_have_no_duality_gap(rng):
