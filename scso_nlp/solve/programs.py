@@ -92,6 +92,7 @@ def solve_rows(
         ),
         status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
         scale=FrameScale.of_weights(program, frame_weights(program, start)),
+        proven=set(lost),
     )
     effort.build_seconds += time.perf_counter() - started
     if run.waiting.size:
@@ -110,7 +111,10 @@ def solve_rows(
 
 @dataclass(kw_only=True)
 class _Run:
-    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting).
+
+    `proven` are the frames that are known to be infeasible.
+    """
 
     program: FrameProgram
     options: SolverOptions
@@ -120,6 +124,7 @@ class _Run:
     multipliers: tuple[FloatArray, FloatArray]
     status: list[Status | None]
     scale: FrameScale
+    proven: set[int]
     bounds: tuple[FloatArray, FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -149,6 +154,7 @@ class _Run:
             _LOG.info("%d frames were not solved together (%s)", block.size, answer.status.name)
             lost += [int(k) for k in block if infeasible_rows(self.program, int(k))]
         self._set(lost, Status.INFEASIBLE)
+        self.proven |= set(lost)
         if lost and self.waiting.size:
             _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
             self.together()
@@ -174,7 +180,7 @@ class _Run:
         waiting = np.isfinite(worst) & (worst > OPTIMALITY_TOLERANCE)
         afresh = np.isinf(worst)
         for k in np.flatnonzero(afresh):
-            afresh[k] = not infeasible_rows(self.program, int(k))
+            afresh[k] = int(k) not in self.proven and not infeasible_rows(self.program, int(k))
         fresh = starting_point(self.program, None)
         for k in np.flatnonzero(waiting | afresh):
             point = least_effort(self.program, int(k))
