@@ -47,6 +47,11 @@ class RunResult:
         """True if every frame may be used."""
         return bool(self.solution.is_solved.all())
 
+    @property
+    def verdict_lines(self) -> tuple[str, str]:
+        """What the solution is worth, beside the same motion without stability rows."""
+        return self.solution.verdict.lines(self.baseline.verdict if self.baseline else None)
+
 
 def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResult:
     """Extract the motion, solve it, and solve it without stability rows for comparison.

@@ -15,6 +15,7 @@ from scso_nlp.exceptions import ScsoError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
+from scso_nlp.verdict import Extreme, Verdict
 
 #: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
 ACTIVE_MARGIN = 1e-3
@@ -24,11 +25,15 @@ SMALLEST_EIGENVALUE = "smallest_eigenvalue"
 #: A coordinate whose required moment stays below this has no share [N·m or N].
 NEGLIGIBLE_MOMENT = 1e-9
 
+#: A coordinate counts as moved by muscles if one has a larger moment arm [m, or N/N of a translation].
+LEAST_MOMENT_ARM = 1e-3
+
 
 class Status(enum.Enum):
     """How the solve of a frame ended; the value is a sentence with the remedy."""
 
     SOLVED = "Solved to the requested tolerance."
+    STABILITY_MISSED = "Solved, and a soft stability level is missed at its price; see what is missed."
     ACCEPTABLE = "Solved to a looser tolerance than requested; check the violations before use."
     INFEASIBLE = (
         "No activations within their bounds satisfy all rows; see the named rows, add reserves, "
@@ -44,7 +49,7 @@ class Status(enum.Enum):
     @property
     def is_solved(self) -> bool:
         """True if the frame may be used."""
-        return self in (Status.SOLVED, Status.ACCEPTABLE)
+        return self in (Status.SOLVED, Status.STABILITY_MISSED, Status.ACCEPTABLE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +83,11 @@ class RowResult:
     missed: FloatArray
     multiplier: FloatArray
     is_observed: bool = False
+
+    @property
+    def missed_by_row(self) -> dict[str, FloatArray]:
+        """By how much each row is missed, shape (n_frames,) [unit]."""
+        return dict(zip(self.names, self.missed.T, strict=True))
 
     @property
     def violation(self) -> FloatArray:
@@ -120,6 +130,11 @@ class MatrixResult:
     mode: FloatArray
     multiplier: FloatArray
     is_observed: bool = False
+
+    @property
+    def missed_by_row(self) -> dict[str, FloatArray]:
+        """By how much the smallest eigenvalue is missed, shape (n_frames,) [unit]."""
+        return {SMALLEST_EIGENVALUE: self.missed}
 
     @property
     def violation(self) -> FloatArray:
@@ -391,12 +406,61 @@ class Solution:
         """Tell which frames may be used, shape (n_frames,)."""
         return np.array([status.is_solved for status in self.frame_status])
 
+    @property
+    def verdict(self) -> Verdict:
+        """What the solution is worth: frames, stability, reserves and residuals."""
+        names = [status.name for status in self.frame_status]
+        missed = [
+            (name, np.nan_to_num(found))
+            for result in self.kept.values()
+            for name, found in result.missed_by_row.items()
+        ]
+        misses = self.frame_status.count(Status.STABILITY_MISSED)
+        margin, balance = self.stability, self.moment_balance
+        peak = np.abs(balance.required).max(axis=0)
+        arms = np.abs(self.problem.motion.trajectory.moment_arms)
+        moved = arms.max(axis=(0, 2), initial=0.0) > LEAST_MOMENT_ARM
+        actuators = np.abs(balance.actuators)
+        shares = np.full(actuators.shape, np.nan)
+        np.divide(100 * actuators, peak, out=shares, where=moved & (peak > NEGLIGIBLE_MOMENT))
+        residuals = {
+            unit: np.where(~moved & (np.array(balance.unit) == unit), actuators, np.nan)
+            for unit in ("N", "N·m")
+        }
+        return Verdict(
+            counts={s.name: names.count(s.name) for s in Status if s.name in names},
+            n_frames=len(names),
+            margin=None if margin is None else self._extreme(margin.rows, -margin.margin, "N·m/rad", -1.0),
+            missed=self._extreme(
+                tuple(name for name, _ in missed), np.column_stack([found for _, found in missed]), "N·m/rad"
+            )
+            if misses
+            else None,
+            frames_missed=misses,
+            reserve=self._extreme(balance.coordinates, shares, "%"),
+            residual_force=self._extreme(balance.coordinates, residuals["N"], "N"),
+            residual_moment=self._extreme(balance.coordinates, residuals["N·m"], "N·m"),
+        )
+
+    def _extreme(
+        self, names: tuple[str, ...], table: FloatArray, unit: str, sign: float = 1.0
+    ) -> Extreme | None:
+        """Find the largest entry of a table (n_frames, n_names); None where there is none or all are zero."""
+        known = np.where(self.is_solved[:, None] & np.isfinite(table), table, -np.inf)
+        if not known.size or not np.isfinite(known).any() or (sign > 0 and known.max() <= 0):
+            return None
+        k, i = np.unravel_index(int(known.argmax()), known.shape)
+        time = float(self.problem.motion.trajectory.time[k])
+        return Extreme(name=names[i], time=time, amount=sign * float(known[k, i]), unit=unit)
+
     def summary(self) -> str:
         """One sentence: how many frames failed, when, and the worst row."""
         failed = [k for k, status in enumerate(self.frame_status) if not status.is_solved]
         n_frames = len(self.frame_status)
         if not failed:
-            return f"all {n_frames} frames solved, objective {self.objective:.6g}"
+            others = self.verdict.others
+            solved = f"all {n_frames} frames solved" + (f", of these {others}" if others else "")
+            return f"{solved}, objective {self.objective:.6g}"
         time = self.problem.motion.trajectory.time
         times = ", ".join(time_text(time[k]) for k in failed[:5]) + (", …" if len(failed) > 5 else "")
         kinds = sorted({self.frame_status[k].name.lower().replace("_", " ") for k in failed})

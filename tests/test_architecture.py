@@ -47,6 +47,7 @@ LAYERS = (
     "problem",
     "methods",
     "transcription",
+    "verdict",
     "solution",
     "solve",
     "contributions",

@@ -19,7 +19,7 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     """Find muscle activations and forces of a motion, and write them as OpenSim does.
 
     With a plain setup file the answer is that of OpenSim's own static optimization. Exit code 0: all frames
-    solved; 1: some frame failed; 2: input that cannot be used.
+    solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
     with exit_codes(verbose):
         from scso_nlp.run import run as solve
@@ -30,7 +30,7 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         result = solve(settings, where)
         files = write_run(result, where)
         _report(result, files)
-        if not result.is_solved:
+        if not result.solution.verdict.is_clean:
             raise typer.Exit(FRAME_FAILED)
 
 
@@ -38,6 +38,8 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     solution = result.solution
     trajectory = solution.problem.motion.trajectory
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
+    for line in result.verdict_lines:
+        typer.echo(f"  {line}")
     for shortfall in solution.shortfalls[1:5]:
         typer.echo(f"  {shortfall}", err=True)
     report = solution.report

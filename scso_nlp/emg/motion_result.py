@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _REPORT = "report.json"
 #: Names of the statuses of frames that may be used.
-_SOLVED = ("SOLVED", "ACCEPTABLE")
+_SOLVED = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,8 @@ STATUS_CODES = {
     Status.INFEASIBLE: 2,
     Status.ITERATION_LIMIT: 3,
     Status.NUMERICAL_ERROR: 4,
+    Status.NOT_OPTIMAL: 5,
+    Status.STABILITY_MISSED: 6,
 }
 #: Violation of a frame that has no iterate, in the status file: OpenSim's Storage stops reading at NaN.
 NO_ITERATE = -1.0
@@ -52,8 +54,9 @@ _FORCE_DESCRIPTION = (
 )
 _STABILITY_DESCRIPTION = (
     "Per row (joint axis or coordinate): stability S, level and margin S - level in N.m/rad; and, where\n"
-    "the solver gives one, the multiplier: the cost in the objective per N.m/rad of extra stability. For\n"
-    "a whole Hessian: its smallest eigenvalue, levels taken off, and mode: the turn that belongs to it.\n"
+    "the solver gives one, the multiplier: the cost in the objective per N.m/rad of extra stability; and\n"
+    "of levels that may be missed at a price, what is missed in N.m/rad. For a whole Hessian: its smallest\n"
+    "eigenvalue, levels taken off, and mode: the turn that belongs to it.\n"
 )
 _CONTROL_HEAD = """\t\t\t<ControlLinear name={name}>
 \t\t\t\t<is_model_control>true</is_model_control>
@@ -314,6 +317,11 @@ def _stability(solution: Solution) -> Storage | None:
         if np.isfinite(margin.multiplier[solved, r]).all():
             labels.append(f"{row}_multiplier")
             columns.append(margin.multiplier[:, r])
+    for term in solution.problem.stability_terms:
+        if term.soft is not None and term.name in solution.kept:
+            missed = solution.kept[term.name].missed_by_row
+            labels += [f"{row}_missed" for row in missed]
+            columns += list(missed.values())
     labels += [f"mode_{name}" for name in margin.mode_coordinates]
     columns += list(margin.mode.T)
     values = np.column_stack(columns)
@@ -423,6 +431,7 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
         "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
         "status_counts": counts,
         "frame_status": [status.name for status in statuses],
+        "verdict": {**asdict(solution.verdict), "lines": solution.verdict.lines()},
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
         "notes": list(record.notes),
     }

@@ -308,6 +308,7 @@ def _statuses(
     """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
+    missed = _scaled_miss(program, rows, matrices)
     worst = np.nan_to_num(optimality.worst, nan=np.inf)
     for k, found in enumerate(status):
         if found.is_solved and violation[k] > LOOSE_VIOLATION:
@@ -318,6 +319,8 @@ def _statuses(
             violation[k] > FEASIBILITY_TOLERANCE or worst[k] > OPTIMALITY_TOLERANCE
         ):
             status[k] = Status.ACCEPTABLE
+        elif found is Status.SOLVED and missed[k] > LOOSE_VIOLATION:
+            status[k] = Status.STABILITY_MISSED
     shortfalls = list(outcome.shortfalls)
     reached = {shortfall.frame for shortfall in shortfalls}
     # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
@@ -354,6 +357,20 @@ def _scaled_violation(
     for name, matrix in matrices.items():
         if not matrix.is_observed:
             worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales[name])
+    return worst
+
+
+def _scaled_miss(
+    program: FrameProgram, rows: dict[str, RowResult], matrices: dict[str, MatrixResult]
+) -> FloatArray:
+    """Largest miss of a soft row of each frame over the scale of its row, shape (n_frames,)."""
+    scales = _scales(program)
+    worst = np.zeros(program.time.size)
+    results: list[tuple[str, RowResult | MatrixResult]] = [*rows.items(), *matrices.items()]
+    for name, found in results:
+        if not found.is_observed:
+            missed = np.nan_to_num(found.missed).reshape(worst.size, -1) / scales[name]
+            worst = np.maximum(worst, missed.max(axis=1, initial=0.0))
     return worst
 
 

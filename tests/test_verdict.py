@@ -1,0 +1,102 @@
+"""What a solution is worth: two lines, made of what the user receives."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import random_problem, with_stability
+
+import scso_nlp as scso
+from scso_nlp.solution import Status
+from scso_nlp.verdict import RESERVE_LIMIT
+
+
+def soft(problem, miss, price=1e-6):
+    """The problem with levels `miss` above what its activations reach [N·m/rad], at a price."""
+    rows = problem.constraints[1]
+    level = {name: value + miss for name, value in rows.level.items()}
+    rows = dataclasses.replace(rows, level=level, soft=price)
+    return dataclasses.replace(problem, constraints=(problem.constraints[0], rows))
+
+
+def test_hard_levels_that_are_kept_leave_a_clean_verdict(rng):
+    solution = scso.solve_trajectory(random_problem(rng))
+    verdict = solution.verdict
+    assert verdict.is_clean
+    assert verdict.counts == {"SOLVED": 3}
+    assert verdict.missed is None
+    assert verdict.margin.amount == pytest.approx(solution.stability.margin.min(), abs=1e-12)
+    assert verdict.lines()[0].startswith("3 of 3 frames solved; least margin ")
+
+
+def test_missed_soft_levels_are_said_with_row_time_and_amount(rng):
+    solution = scso.solve_trajectory(soft(random_problem(rng), 500.0))
+    verdict, missed = solution.verdict, solution.rows["JointStability"].missed
+    assert set(solution.frame_status) == {Status.STABILITY_MISSED}
+    assert solution.is_solved.all()
+    assert not verdict.is_clean
+    assert verdict.frames_missed == 3
+    k, i = np.unravel_index(missed.argmax(), missed.shape)
+    assert verdict.missed.amount == missed[k, i]
+    assert verdict.missed.name == solution.rows["JointStability"].names[i]
+    assert verdict.missed.time == solution.problem.motion.trajectory.time[k]
+    assert f"levels missed in 3 frames, most by {missed[k, i]:.4g} N·m/rad" in verdict.lines()[0]
+    assert solution.summary().startswith("all 3 frames solved, of these 3 stability missed")
+
+
+def test_a_soft_level_that_is_kept_is_not_missed(rng):
+    solution = scso.solve_trajectory(soft(random_problem(rng), -100.0))
+    assert solution.verdict.is_clean
+    assert solution.verdict.missed is None
+
+
+def test_reserves_are_a_share_of_the_peak_moment(rng):
+    """Their moment by hand; the limit is a tenth."""
+    problem = random_problem(rng, reserve=50.0, stability=False)
+    solution = scso.solve_trajectory(problem)
+    moments = problem.motion.trajectory.generalized_forces
+    share = np.abs(50.0 * solution.control) / np.abs(moments).max(axis=0)
+    assert solution.verdict.reserve.amount == pytest.approx(100 * share.max(), rel=1e-12)
+    assert (share.max() > RESERVE_LIMIT) == bool(solution.verdict.beyond_limits)
+    assert solution.verdict.residual_force is None
+
+
+def test_stability_that_reserves_pay_for_is_said():
+    """Levels that muscles reach only with moments that reserves must carry."""
+    problem = random_problem(np.random.default_rng(20260101), reserve=50.0)
+    level = {name: value + 50.0 for name, value in problem.constraints[1].level.items()}
+    stable = scso.solve_trajectory(with_stability(problem, level)).verdict
+    baseline = scso.solve_trajectory(problem.without_stability()).verdict
+    assert stable.reserve.amount > baseline.reserve.amount + 10, "reserves hardly grow: nothing is shown"
+    assert stable.lines(baseline)[1].endswith("stability is bought from reserves")
+    assert "bought" not in stable.lines(stable)[1]
+
+
+def test_coordinates_that_no_muscle_moves_have_residuals(rng):
+    problem = random_problem(rng, reserve=50.0, stability=False)
+    trajectory = problem.motion.trajectory
+    arms = trajectory.moment_arms * np.array([0.0, 1.0, 0.0])[:, None]
+    trajectory = dataclasses.replace(
+        trajectory,
+        moment_arms=arms,
+        is_rotational=np.array([True, True, False]),
+        generalized_forces=np.array([[80.0, 1.0, 5.0], [10.0, 1.0, -30.0], [0.0, 1.0, 0.0]]),
+    )
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    verdict = scso.solve_trajectory(problem).verdict
+    names = trajectory.coordinates
+    assert str(verdict.residual_moment) == f"80 N·m ({names[0]} at t = {trajectory.time[0]:.6g} s)"
+    assert str(verdict.residual_force) == f"30 N ({names[2]} at t = {trajectory.time[1]:.6g} s)"
+    assert verdict.reserve.name == names[1]
+    assert verdict.beyond_limits[-2:] == ("a residual force above 20 N", "a residual moment above 75 N·m")
+
+
+def test_failed_frames_have_no_part_in_it(rng):
+    problem = with_stability(random_problem(rng, stability=False), {"elbow_x": 1e9})
+    verdict = scso.solve_trajectory(problem, on_failure="return").verdict
+    assert verdict.counts == {"INFEASIBLE": 3}
+    assert not verdict.is_clean
+    assert verdict.margin is None
+    assert verdict.lines()[0] == "0 of 3 frames solved (3 infeasible)"
