@@ -1,0 +1,96 @@
+"""What a results folder holds already, and where new results may go so that nothing is lost."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from scso_nlp.solution import Status
+
+#: File that completes a folder of results.
+REPORT = "report.json"
+#: Folder within that of the results for a run that failed, while they stay.
+FAILED = "failed"
+#: How much the results of a run are worth: none, with gaps, all frames solved.
+NO_RESULTS, WITH_GAPS, COMPLETE = range(3)
+
+
+def free_folder(
+    wanted: Path, own: re.Pattern[str], name: str, inputs: Mapping[str, str], setup: object
+) -> Path:
+    """Find the first of `wanted`, `wanted_2`, ... that holds nothing of other inputs.
+
+    Parameters
+    ----------
+    wanted : Path
+    own : pattern
+        Matches the names of the files to be written.
+    name : str
+        Of the motion.
+    inputs : mapping of str to str
+        SHA-256 of every input file, by path.
+    setup : path or None
+        The one of them that is the setup file. Like a settings file it may change from run to run.
+
+    Returns
+    -------
+    Path
+        Not there, without files of these names, or with those of an earlier run on the same inputs.
+    """
+    ours = _origin(name, inputs, setup)
+    # one that is a file is refused where it is written to
+    return next(
+        folder
+        for folder in _candidates(wanted)
+        if (not folder.exists() or folder.is_dir() or folder == wanted) and _is_free(folder, own, ours)
+    )
+
+
+def _candidates(wanted: Path) -> Iterator[Path]:
+    yield wanted
+    for number in itertools.count(2):
+        yield wanted.with_name(f"{wanted.name}_{number}")
+
+
+def _is_free(folder: Path, own: re.Pattern[str], ours: frozenset[tuple[str, str]]) -> bool:
+    if not folder.is_dir():
+        return True
+    report = read_report(folder)
+    if report is None:
+        return not any(own.fullmatch(path.name) for path in folder.iterdir())
+    setup = report.get("settings", {}).get("setup")
+    return _origin(report.get("name", ""), report.get("inputs_sha256", {}), setup) == ours
+
+
+def _origin(name: str, inputs: Mapping[str, str], setup: object) -> frozenset[tuple[str, str]]:
+    """Tell runs on other inputs apart: names and hashes of the inputs, of setup files the names alone."""
+    setup = "" if setup is None else str(setup)
+    files = {
+        (Path(path).name, "" if os.path.abspath(path) == setup else digest)
+        for path, digest in inputs.items()
+        if not path.lower().endswith(".toml")
+    }
+    return frozenset(files | {("", name)})
+
+
+def worth(folder: Path) -> int:
+    """Say what results a folder holds: NO_RESULTS, WITH_GAPS or COMPLETE, also if their origin is unknown."""
+    if not folder.is_dir() or not any(folder.glob("*_activation.sto")):
+        return NO_RESULTS
+    statuses = (read_report(folder) or {}).get("frame_status", ())
+    unsolved = {status.name for status in Status if not status.is_solved}
+    return WITH_GAPS if unsolved.intersection(statuses) else COMPLETE
+
+
+def read_report(folder: Path) -> dict[str, Any] | None:
+    """Read the report of a folder; None without one that can be read."""
+    try:
+        report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return report if isinstance(report, dict) else None
