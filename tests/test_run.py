@@ -14,6 +14,7 @@ import scso_nlp.solve.judge
 import scso_nlp.solve.verbs
 import scso_nlp.transcription.describe
 from scso_nlp.examples import example_folder
+from scso_nlp.exceptions import DataError
 from scso_nlp.run import run, write_run
 from scso_nlp.settings import OutputSettings, read_settings
 
@@ -135,6 +136,22 @@ def test_files_of_unknown_origin_with_the_same_names_stay(tmp_path, spine):
     (wanted / "report.json").write_text("no report")
     (tmp_path / "results_2").write_text("a file")
     assert put(spine, wanted) == "results_3"
+    assert (wanted / "report.json").read_text() == "no report"
+
+
+@pytest.mark.opensim
+@pytest.mark.parametrize("text", ["[]", '{"settings": null}', '{"name": 1}', "[" * 100000])
+def test_a_report_of_another_program_stays(tmp_path, spine, text):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "report.json").write_text(text)
+    assert put(spine, tmp_path / "results") == "results_2"
+    assert (tmp_path / "results" / "report.json").read_text() == text
+
+
+@pytest.mark.opensim
+def test_a_folder_with_an_impossible_name_is_one_sentence(tmp_path, spine):
+    with pytest.raises(DataError, match=r"results cannot be written to .*: File name too long"):
+        put(spine, tmp_path / ("a" * 300))
 
 
 @pytest.mark.opensim

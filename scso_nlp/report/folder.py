@@ -43,11 +43,11 @@ def free_folder(
         Not there, without files of these names, or with those of an earlier run on the same inputs.
     """
     ours = _origin(name, inputs, setup)
-    # one that is a file is refused where it is written to
+    # `wanted` that is a file is refused where it is written to
     return next(
         folder
         for folder in _candidates(wanted)
-        if (not folder.exists() or folder.is_dir() or folder == wanted) and _is_free(folder, own, ours)
+        if (folder == wanted or not os.path.isfile(folder)) and _is_free(folder, own, ours)
     )
 
 
@@ -58,13 +58,10 @@ def _candidates(wanted: Path) -> Iterator[Path]:
 
 
 def _is_free(folder: Path, own: re.Pattern[str], ours: frozenset[tuple[str, str]]) -> bool:
-    if not folder.is_dir():
-        return True
     report = read_report(folder)
     if report is None:
-        return not any(own.fullmatch(path.name) for path in folder.iterdir())
-    setup = report.get("settings", {}).get("setup")
-    return _origin(report.get("name", ""), report.get("inputs_sha256", {}), setup) == ours
+        return not any(name == REPORT or own.fullmatch(name) for name in names_in(folder))
+    return _origin(report["name"], report["inputs_sha256"], report["settings"].get("setup")) == ours
 
 
 def _origin(name: str, inputs: Mapping[str, str], setup: object) -> frozenset[tuple[str, str]]:
@@ -80,17 +77,27 @@ def _origin(name: str, inputs: Mapping[str, str], setup: object) -> frozenset[tu
 
 def worth(folder: Path) -> int:
     """Say what results a folder holds: NO_RESULTS, WITH_GAPS or COMPLETE, also if their origin is unknown."""
-    if not folder.is_dir() or not any(folder.glob("*_activation.sto")):
+    if not any(name.endswith("_activation.sto") for name in names_in(folder)):
         return NO_RESULTS
-    statuses = (read_report(folder) or {}).get("frame_status", ())
+    report = read_report(folder)
     unsolved = {status.name for status in Status if not status.is_solved}
-    return WITH_GAPS if unsolved.intersection(statuses) else COMPLETE
+    return WITH_GAPS if report and unsolved.intersection(report["frame_status"]) else COMPLETE
+
+
+def names_in(folder: Path) -> list[str]:
+    """Names in a folder, in order; none where it cannot be read, which is said when it is written to."""
+    try:
+        return sorted(os.listdir(folder))
+    except OSError:
+        return []
 
 
 def read_report(folder: Path) -> dict[str, Any] | None:
-    """Read the report of a folder; None without one that can be read."""
+    """Read the report of a folder; None without one of this program that can be read."""
     try:
         report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
-    return report if isinstance(report, dict) else None
+    kinds = {"name": str, "settings": dict, "inputs_sha256": dict, "frame_status": list}
+    is_ours = isinstance(report, dict) and all(isinstance(report.get(k), kinds[k]) for k in kinds)
+    return report if is_ours else None

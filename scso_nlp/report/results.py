@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import json
 import logging
 import math
@@ -28,7 +29,16 @@ from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.files import sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.report.folder import COMPLETE, FAILED, NO_RESULTS, REPORT, WITH_GAPS, read_report, worth
+from scso_nlp.report.folder import (
+    COMPLETE,
+    FAILED,
+    NO_RESULTS,
+    REPORT,
+    WITH_GAPS,
+    names_in,
+    read_report,
+    worth,
+)
 from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
 
@@ -222,7 +232,7 @@ def own_files(name: str, analysis_name: str) -> re.Pattern[str]:
 
 
 def _found(folder: Path, own: re.Pattern[str]) -> list[str]:
-    return sorted(path.name for path in folder.iterdir() if own.fullmatch(path.name))
+    return [name for name in names_in(folder) if own.fullmatch(name)]
 
 
 def _beside(folder: Path) -> Path:
@@ -431,16 +441,11 @@ def _has_rows(solution: Solution) -> bool:
 
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
-    """Draw what can be drawn; the results are safe, whatever goes wrong here."""
     from scso_nlp import figures
 
+    name = solution.problem.motion.name
     for what, draw in FIGURES.items():
-        try:
-            figure = draw(figures, solution, baseline)
-            if figure is not None:
-                figures.save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
-        except Exception as error:
-            _LOG.warning("the figure %r is left out: %s", what, " ".join(str(error).split()) or repr(error))
+        figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
 
 
 def _write_report(solution: Solution, record: RunRecord, folder: Path, own: re.Pattern[str]) -> None:

@@ -179,6 +179,10 @@ def _interruptible() -> Iterator[None]:
             for number, handler in own.items():
                 signal.signal(number, handler)
             yield
+        except BaseException:
+            if raised:
+                raise raised[0] from None
+            raise
         finally:
             for number, handler in own.items():
                 # a handler may have put another one in its place

@@ -62,15 +62,20 @@ def told(*arguments):
 crew._start = told
 """
 
-#: Says when the files are on their way into the folder, and holds them up there.
+#: Says when three of the earlier files have left the folder, and holds up what follows.
 SLOW_FILES = """
 import time
+from pathlib import Path
 import scso_nlp.report.results as results
 real = results.os.replace
+left = []
 def slow(source, target):
     real(source, target)
-    print("now", flush=True)
-    time.sleep(0.2)
+    left.extend([source] * (Path(source).parent.name == "results"))
+    if len(left) == 3:
+        print("now", flush=True)
+    if len(left) >= 3:
+        time.sleep(1)
 results.os.replace = slow
 """
 
@@ -133,13 +138,18 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.fixture
-def spine(tmp_path: Path) -> Path:
-    """A writable copy of an example, with results of an earlier run."""
-    folder = tmp_path / "spine"
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A writable copy of an example, with results of a run."""
+    folder = tmp_path_factory.mktemp("solved") / "spine"
     shutil.copytree(example_folder("spine-load-height"), folder)
     subprocess.run([sys.executable, "-c", COMMAND_LINE], cwd=folder, check=True, capture_output=True)
     return folder
+
+
+@pytest.fixture
+def spine(solved: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(solved, tmp_path / "spine"))
 
 
 @pytest.mark.opensim

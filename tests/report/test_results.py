@@ -221,7 +221,7 @@ def test_what_fails_in_a_figure_costs_that_figure_alone(tmp_path, monkeypatch, c
     written = write_solution(solution_by_hand(stability=False), tmp_path / "results")
     left = RESULTS | ALWAYS | {"antagonists_activations.png", "antagonists_activations.pdf"}
     assert files(tmp_path / "results") == {path.name for path in written} == left
-    assert "the figure 'moments' is left out: no such glyph" in caplog.text
+    assert "the figure antagonists_moments is left out: no such glyph" in caplog.text
     report = json.loads((tmp_path / "results" / "report.json").read_text())
     assert set(report["files_sha256"]) == left - {"report.json"}
 
