@@ -306,6 +306,8 @@ SETTINGS = {setting.name: setting for setting in (
         help="Cut longer motions into programs of so many frames; the answer does not depend on it"),
     Setting("output", PATH, OUTPUT, place="output.folder", example='"results"',
         default="scso_results/<name>", help="Folder of the results"),
+    Setting("overwrite", FLAG, OUTPUT, example="false", default="false: the next free name, <folder>_2",
+        help="Replace results of other inputs in that folder"),
     Setting("keep_failed", FLAG, OUTPUT, example="false", default="false",
         help="Write results even so, with NaN in frames that failed"),
     Setting("figures", FLAG, OUTPUT, example="true", default="true", help="Draw figures as PNG and PDF"),

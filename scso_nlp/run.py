@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import logging
+import os
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -18,9 +20,12 @@ from scso_nlp.motion import Motion
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.engine import input_hashes, load_motion
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.report.results import RunRecord, write_solution
+from scso_nlp.report.folder import free_folder
+from scso_nlp.report.results import RunRecord, own_files, write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
+
+_LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +84,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     started = time.perf_counter()
     motion = extract(settings, output)
     seconds = {"extraction": time.perf_counter() - started}
+    inputs = {**{str(path): sha256(path) for path in settings.sources}, **input_hashes(settings.motion)}
     problem = describe(settings, motion)
     solve = functools.partial(SOLVERS[settings.solver].thing, options=settings.options, on_failure="return")
     baseline = None
@@ -87,7 +93,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
         seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
     solution = solve(problem)
     facts = RunRecord(
-        inputs={**{str(path): sha256(path) for path in settings.sources}, **input_hashes(settings.motion)},
+        inputs=inputs,
         settings=record(settings, output),
         seconds=seconds,
         notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
@@ -149,6 +155,9 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
 def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[Path, ...]:
     """Write all files of a run, whole or not at all.
 
+    Results of other inputs stay unless ``output.overwrite``: the next free name is taken, ``results_2`` for
+    ``results``. The same inputs with other settings replace what is there.
+
     Parameters
     ----------
     result : RunResult
@@ -165,9 +174,16 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         Files that cannot be written.
     """
     output = output or OutputSettings()
+    name = result.solution.problem.motion.name
+    folder = wanted = Path(os.path.abspath(output.folder_for(name)))
+    if not output.overwrite:
+        own = own_files(name, result.settings.analysis_name)
+        folder = free_folder(wanted, own, name, result.record.inputs, result.settings.setup)
+    if folder != wanted:
+        _LOG.warning("%s has results of other inputs, which stay; those of this run go to %s", wanted, folder)
     return write_solution(
         result.solution,
-        output.folder_for(result.solution.problem.motion.name),
+        folder,
         analysis_name=result.settings.analysis_name,
         record=result.record,
         keep_failed=output.keep_failed,

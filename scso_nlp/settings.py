@@ -103,6 +103,8 @@ class OutputSettings:
     ----------
     folder : Path or None
         None: ``scso_results/<name>`` in the working folder.
+    overwrite : bool
+        Results of other inputs in that folder are replaced; otherwise the next free name is taken.
     keep_failed : bool
     figures : bool
     processes : int or None
@@ -112,6 +114,7 @@ class OutputSettings:
     """
 
     folder: Path | None = None
+    overwrite: bool = False
     keep_failed: bool = False
     figures: bool = True
     processes: int | None = None

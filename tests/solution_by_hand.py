@@ -38,10 +38,10 @@ def muscle_parameters(names, strength=STRENGTH):
     )
 
 
-def antagonists(n_frames=5, name="antagonists", n_pairs=1):
+def antagonists(n_frames=5, name="antagonists", n_pairs=1, sides=("front", "back")):
     """One hinge about z per pair; each muscle runs straight from (±0.05, -0.05, 0) to (±0.05, 0.05, 0)."""
     coordinates = tuple(f"hinge_{i}" for i in range(n_pairs))
-    muscles = tuple(f"{side}_{i}" for i in range(n_pairs) for side in ("front", "back"))
+    muscles = tuple(f"{side}_{i}" for i in range(n_pairs) for side in sides)
     actuators = tuple(f"{c}_reserve" for c in coordinates)
     n_muscles = len(muscles)
     points = np.zeros((n_frames, n_muscles, 2, 3))
@@ -111,10 +111,18 @@ def antagonists(n_frames=5, name="antagonists", n_pairs=1):
 
 
 def solution_by_hand(
-    n_frames=5, *, failed=(), stability=True, name="antagonists", n_pairs=1, level=10.0, tonus=0.05
+    n_frames=5,
+    *,
+    failed=(),
+    stability=True,
+    name="antagonists",
+    n_pairs=1,
+    level=10.0,
+    tonus=0.05,
+    sides=("front", "back"),
 ):
     """Muscles take nine tenths of the moment above a co-contraction of `tonus`; reserves the rest."""
-    motion = antagonists(n_frames, name, n_pairs)
+    motion = antagonists(n_frames, name, n_pairs, sides)
     trajectory = motion.trajectory
     constraints = (MomentEquilibrium(),)
     if stability:

@@ -101,6 +101,7 @@ ARRIVES = {
     "max_iterations": ("50", "50", 50),
     "frames_per_program": ("7", "7", 7),
     "output": ("out", '"out"', Path("out")),
+    "overwrite": (True, "true", True),
     "keep_failed": (True, "true", True),
     "figures": (False, "false", False),
     "processes": ("1", "1", 1),

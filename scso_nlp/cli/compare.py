@@ -114,11 +114,13 @@ def read_comparison(
 
 
 def _write_figures(comparison: Comparison, folder: Path) -> None:
-    from scso_nlp.figures import plot_activity, plot_mean_activity, plot_task_bars, save_figure
+    from functools import partial
+
+    from scso_nlp.figures import draw_and_save, plot_activity, plot_mean_activity, plot_task_bars
     from scso_nlp.figures.frames import FEW_FRAMES
 
-    figures = {"activity": plot_activity(comparison), "mean_activity": plot_mean_activity(comparison)}
+    figures = {"activity": plot_activity, "mean_activity": plot_mean_activity}
     if len(comparison.time) <= FEW_FRAMES:
-        figures["tasks"] = plot_task_bars(comparison)
-    for what, figure in figures.items():
-        save_figure(figure, folder, f"comparison_{what}")
+        figures["tasks"] = plot_task_bars
+    for what, draw in figures.items():
+        draw_and_save(partial(draw, comparison), folder, f"comparison_{what}")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FrameType
 
 import typer
 
@@ -21,13 +24,19 @@ BAD_INPUT = 2
 BUG = 3
 #: Stopped by the user, as shells have it.
 INTERRUPTED = 130
+#: Signals by which schedulers and closed terminals stop a program; the exit code is 128 and their number.
+STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 #: Nobody reads the output any more, e.g. after ``| head``, as shells have it.
 CLOSED_PIPE = 141
 
 
 @contextmanager
 def exit_codes(verbose: bool) -> Iterator[None]:
-    """Turn exceptions into exit codes: one sentence for bad input, a traceback for a bug."""
+    """Turn exceptions into exit codes: one sentence for bad input, a traceback for a bug.
+
+    Signals that would end the process at once raise as Ctrl-C does, so that temporary folders and worker
+    processes go with it.
+    """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("scso: %(message)s"))
     logger = logging.getLogger("scso_nlp")
@@ -35,7 +44,8 @@ def exit_codes(verbose: bool) -> Iterator[None]:
     logger.addHandler(handler)
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     try:
-        yield
+        with _stop_signals():
+            yield
     except ScsoError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(BAD_INPUT) from None
@@ -47,6 +57,11 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())
         raise typer.Exit(CLOSED_PIPE) from None
+    except _Stopped as stopped:
+        # the terminal may be gone
+        with suppress(OSError):
+            typer.echo(f"stopped by {stopped.signal.name}", err=True)
+        raise typer.Exit(128 + stopped.signal) from None
     except (typer.Exit, typer.Abort):
         raise
     except Exception:
@@ -56,3 +71,33 @@ def exit_codes(verbose: bool) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+class _Stopped(BaseException):
+    """A signal asked the program to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.signal = signal.Signals(number)
+
+
+@contextmanager
+def _stop_signals() -> Iterator[None]:
+    """Raise where a signal would end the process; leave alone what is ignored, as under nohup, or handled."""
+
+    def stop(number: int, _: FrameType | None) -> None:
+        # once is enough, cleaning up must not be cut short
+        signal.signal(number, signal.SIG_IGN)
+        raise _Stopped(number)
+
+    numbers = [getattr(signal, name) for name in STOP_SIGNALS if hasattr(signal, name)]
+    numbers = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []  # only the main thread may set handlers
+    try:
+        for number in numbers:
+            signal.signal(number, stop)
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)

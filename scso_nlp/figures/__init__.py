@@ -8,6 +8,7 @@ from scso_nlp.figures.contributions import plot_contributions as plot_contributi
 from scso_nlp.figures.frames import HorizontalAxis as HorizontalAxis
 from scso_nlp.figures.frames import percent_of_motion as percent_of_motion
 from scso_nlp.figures.muscle_lines import plot_muscle_lines as plot_muscle_lines
+from scso_nlp.figures.saving import draw_and_save as draw_and_save
 from scso_nlp.figures.saving import save_figure as save_figure
 from scso_nlp.figures.solution import plot_activations as plot_activations
 from scso_nlp.figures.solution import plot_moments as plot_moments

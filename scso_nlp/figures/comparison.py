@@ -26,6 +26,7 @@ from scso_nlp.figures.style import (
     RESULT,
     TEXT,
     SeriesStyle,
+    literal,
     quiet_axes,
     series_style,
 )
@@ -87,7 +88,7 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
         Whiskers on EMG bars: standard deviation over the frames.
     """
     used = comparison.is_used
-    names = comparison.group_names
+    names = [literal(name) for name in comparison.group_names]
     n_bars = len(comparison.labels) + (comparison.emg is not None)
     width = max(5.0, 0.9 + len(names) * (0.25 + 0.16 * n_bars))
     figure = Figure(figsize=(width, 3.6), dpi=RESOLUTION, layout="constrained")
@@ -103,7 +104,8 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
     panel.set_xticks(range(len(names)), names, rotation=35, ha="right", fontsize=TEXT)
     panel.set_ylim(bottom=0)
     panel.set_ylabel("Mean activation [-]", fontsize=TEXT + 1)
-    panel.set_title(f"{comparison.results[0].name}: mean over the motion", fontsize=TEXT + 2, loc="left")
+    title = literal(f"{comparison.results[0].name}: mean over the motion")
+    panel.set_title(title, fontsize=TEXT + 2, loc="left")
     figure.legend(loc="outside lower center", ncols=min(n_bars, 6), fontsize=TEXT, frameon=False)
     return figure
 
@@ -151,7 +153,7 @@ def plot_task_bars(
     for g, panel in enumerate(panels):
         activities = {label: activity[:, g] for label, activity in comparison.activity.items()}
         _draw_bars(panel, activities, None if comparison.emg is None else comparison.emg[:, g])
-        panel.set_xticks(range(n_tasks), tasks, fontsize=TEXT - 1)
+        panel.set_xticks(range(n_tasks), list(map(literal, tasks)), fontsize=TEXT - 1)
     add_legend(figure)
     return figure
 
@@ -227,7 +229,12 @@ def plot_sweep(
         for name, level, look in levels:
             if np.isfinite(level[g]):
                 panel.axhline(
-                    level[g], linestyle=look.line, color=look.color, linewidth=1.4, label=name, zorder=1
+                    level[g],
+                    linestyle=look.line,
+                    color=look.color,
+                    linewidth=1.4,
+                    label=literal(name),
+                    zorder=1,
                 )
         panel.set_xscale("log")
         panel.xaxis.set_major_locator(FixedLocator(_few_ticks(x)))
@@ -256,7 +263,7 @@ def _draw_bars(
         lines: dict[str, Any] = (
             {"hatch": look.hatch, "edgecolor": "white", "linewidth": 0.4} if hatched else {}
         )
-        panel.bar(at, np.nan_to_num(height), bar, color=look.color, label=label, **lines)
+        panel.bar(at, np.nan_to_num(height), bar, color=look.color, label=literal(label), **lines)
         missing = at[np.isnan(height)]
         if missing.size:
             panel.plot(missing, 0 * missing, "x", color=look.color, clip_on=False, markersize=4)

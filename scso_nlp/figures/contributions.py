@@ -43,7 +43,7 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     order = np.argsort(-largest, kind="stable")[:most_muscles]
     order = np.sort(order[largest[order] >= NEGLIGIBLE_SHARE * largest.max()])
     shown = values[:, order]
-    names = [contributions.muscles[m] for m in order]
+    names = [style.literal(contributions.muscles[m]) for m in order]
     n_rows, n_columns = shown.shape
     figure = Figure(
         figsize=(max(5.0, 2.2 + 0.27 * n_columns), max(2.6, 1.9 + 0.27 * n_rows)),
@@ -57,7 +57,10 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     loads = contributions.constant[solved].mean(axis=0)
     panel.set_yticks(
         np.arange(n_rows),
-        [f"{row}  (load {_whole(load)})" for row, load in zip(contributions.rows, loads, strict=True)],
+        [
+            f"{style.literal(row)}  (load {_whole(load)})"
+            for row, load in zip(contributions.rows, loads, strict=True)
+        ],
         fontsize=style.TEXT - 1,
     )
     if n_rows * n_columns <= 200:

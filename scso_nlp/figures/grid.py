@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis, frame_edges
-from scso_nlp.figures.style import RESOLUTION, TEXT, SeriesStyle, panel_title, quiet_axes
+from scso_nlp.figures.style import RESOLUTION, TEXT, SeriesStyle, literal, panel_title, quiet_axes
 from scso_nlp.validation import FloatArray
 
 #: Size of one panel [inch].
@@ -87,7 +87,9 @@ def panel_grid(
             panel.set_xlim(*_limits(horizontal.values))
         if y_range is not None:
             panel.set_ylim(*y_range)
-    figure.suptitle(heading, fontsize=TEXT + 2, x=0.12 / width, y=1 - 0.12 / height, ha="left", va="top")
+    figure.suptitle(
+        literal(heading), fontsize=TEXT + 2, x=0.12 / width, y=1 - 0.12 / height, ha="left", va="top"
+    )
     middle = (_LEFT + (width - _LEFT - _RIGHT) / 2) / width
     figure.supxlabel(x_label, fontsize=TEXT + 1, x=middle, y=0.47 / height, va="bottom")
     figure.supylabel(y_label, fontsize=TEXT + 1, x=0.12 / width, ha="left")
@@ -111,7 +113,14 @@ def draw_curve(
     """
     marker = "o" if len(x) <= FEW_FRAMES else ""
     panel.plot(
-        x, values, look.line, color=look.color, marker=marker, markersize=3, linewidth=width, label=label
+        x,
+        values,
+        look.line,
+        color=look.color,
+        marker=marker,
+        markersize=3,
+        linewidth=width,
+        label=literal(label),
     )
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from scso_nlp.files import write_whole
+
+_LOG = logging.getLogger("scso_nlp")
 
 #: One format to look at, one for print.
 FIGURE_FORMATS = ("png", "pdf")
@@ -32,3 +36,23 @@ def save_figure(figure: Figure, folder: str | os.PathLike[str], name: str) -> No
     for kind in FIGURE_FORMATS:
         with write_whole(Path(folder) / f"{name}.{kind}") as temporary:
             figure.savefig(temporary, format=kind)
+
+
+def draw_and_save(draw: Callable[[], Figure | None], folder: str | os.PathLike[str], name: str) -> None:
+    """Draw a figure beside results and write it; what fails costs only this figure, with a warning.
+
+    Parameters
+    ----------
+    draw : callable
+        Without arguments; None where there is nothing to draw.
+    folder : str or path-like
+        Exists.
+    name : str
+        Of the files, without ending.
+    """
+    try:
+        figure = draw()
+        if figure is not None:
+            save_figure(figure, folder, name)
+    except Exception as error:  # whatever a drawing library may raise, also for a text that it cannot set
+        _LOG.warning("the figure %s is left out: %s", name, " ".join(str(error).split()) or repr(error))

@@ -73,9 +73,14 @@ def activation_colors() -> Colormap:
     )
 
 
+def literal(text: str) -> str:
+    """Write a name so that matplotlib shows its dollars instead of reading mathematics between them."""
+    return text.replace("$", r"\$")
+
+
 def panel_title(panel: Axes, text: str) -> None:
     """Write the title of one panel above its left end."""
-    panel.set_title(text, fontsize=TEXT, loc="left", pad=3)
+    panel.set_title(literal(text), fontsize=TEXT, loc="left", pad=3)
 
 
 def quiet_axes(panel: Axes) -> None:

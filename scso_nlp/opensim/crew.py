@@ -42,6 +42,11 @@ PROGRESS_DELAY = 2.0
 MIN_FRAMES_PER_WORKER = 4
 #: How long a worker may take to end after it was asked to [s].
 PATIENCE = 5.0
+#: A crew that says nothing for so long is given up [s]. Frames take milliseconds to seconds, large models
+#: seconds to load; time in which this process is stopped itself does not count.
+SILENCE = 300.0
+#: How often silence is counted [s].
+TICK = 1.0
 #: Lines of OpenSim's log that an error message quotes.
 QUOTED_LINES = 3
 
@@ -156,7 +161,7 @@ class _Crew:
             desc="OpenSim", unit="frame", delay=PROGRESS_DELAY, disable=not progress, leave=False
         ) as bar:
             while running:
-                part, message = self.messages.get()
+                part, message = self._next_message(running - finished)
                 if message is None:
                     running.discard(part)
                     if part not in finished:
@@ -171,6 +176,21 @@ class _Crew:
                 elif message.get("done"):
                     finished.add(part)
 
+    def _next_message(self, busy: set[int]) -> tuple[int, dict[str, Any] | None]:
+        for _ in range(max(round(SILENCE / TICK), 1)):
+            with contextlib.suppress(queue.Empty):
+                return self.messages.get(timeout=TICK)
+        part = min(busy, default=0)
+        raise EngineError(
+            f"OpenSim worker {part + 1} of {self.n_workers} got no further for {SILENCE:g} s "
+            f"{self._place(part)} and was ended; nothing was kept"
+        )
+
+    def _place(self, part: int) -> str:
+        if not self.shares[part]:
+            return "before its first frame"
+        return f"after {self.frames[part]} of its {self.shares[part]} frames"
+
     def _death(self, part: int, process: subprocess.Popen[str]) -> EngineError:
         try:
             code = process.wait(PATIENCE)
@@ -182,13 +202,10 @@ class _Crew:
             # a signal may have no name
             with contextlib.suppress(ValueError):
                 how = f"was ended by {signal.Signals(-code).name} (signal {-code})"
-        where = f"after {self.frames[part]} of its {self.shares[part]} frames"
-        if not self.shares[part]:
-            where = "before its first frame"
         last = self._last_lines(part)
         said = f"; its last message: {last}" if last else ""
         return EngineError(
-            f"OpenSim worker {part + 1} of {self.n_workers} {how} {where}; nothing was kept{said}"
+            f"OpenSim worker {part + 1} of {self.n_workers} {how} {self._place(part)}; nothing was kept{said}"
         )
 
     def _last_lines(self, part: int) -> str:

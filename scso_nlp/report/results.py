@@ -1,14 +1,17 @@
 """Write a solution in OpenSim's own file formats, with statuses, stability, a report and figures.
 
 The files of one run appear whole or not at all: all of them are written into a temporary folder beside the
-target first. ``report.json`` leaves first and arrives last, so a folder that holds one is complete.
+target first. ``report.json`` leaves first and arrives last, so a folder that holds one is complete. Figures
+are drawn afterwards, so that whatever fails in them costs no results.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import json
+import logging
 import math
 import os
 import re
@@ -24,10 +27,22 @@ import numpy as np
 
 from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import sha256
+from scso_nlp.files import sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
+from scso_nlp.report.folder import (
+    COMPLETE,
+    FAILED,
+    NO_RESULTS,
+    REPORT,
+    WITH_GAPS,
+    names_in,
+    read_report,
+    worth,
+)
 from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
+
+_LOG = logging.getLogger("scso_nlp")
 
 #: Numbers that stand for a frame's status in the status file.
 STATUS_CODES = {
@@ -123,7 +138,9 @@ def write_solution(
     ----------
     solution : Solution
     folder : path
-        Made if it is not there. Files of an earlier run of the same name are removed; other files stay.
+        Made if it is not there. Files of an earlier run of the same name are replaced; other files stay. A
+        run with failed frames does not replace results without any: its files go into the sub-folder
+        ``failed``, which the next run that may replace them removes.
     analysis_name : str
         OpenSim's name of the analysis.
     record : RunRecord, optional
@@ -134,6 +151,7 @@ def write_solution(
     baseline : Solution, optional
         Of the same motion; drawn in the figures, not written.
     figures : bool
+        What fails in a figure costs only that figure, with a warning.
 
     Returns
     -------
@@ -156,27 +174,37 @@ def write_solution(
     for part in (name, analysis_name):
         _check_name(part)
     folder = Path(os.path.abspath(folder))
-    temporary = folder.parent / f".{folder.name}.{uuid.uuid4().hex}.tmp"
+    is_complete = bool(solution.is_solved.all())
+    has_results = keep_failed or is_complete
+    own = own_files(name, analysis_name)
+    earlier = folder
+    if worth(folder) > (COMPLETE if is_complete else WITH_GAPS if has_results else NO_RESULTS):
+        folder /= FAILED
+    temporary = _beside(folder)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if folder.exists() and not folder.is_dir():
             raise DataError(f"{folder} is a file, expected a folder for the results")
         temporary.mkdir()
-        has_results = keep_failed or bool(solution.is_solved.all())
         for pattern, make in ((RESULT_FILES if has_results else {}) | STATUS_FILE).items():
             _write(make(solution), temporary / pattern.format(name=name, analysis=analysis_name))
-        if has_results and figures:
-            _write_figures(solution, temporary, baseline)
-        files = {path.name: sha256(path) for path in sorted(temporary.iterdir())}
-        report = _report(solution, record or RunRecord(), files)
-        text = json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False)
-        (temporary / "report.json").write_text(text + "\n", encoding="utf-8")
-        _move(temporary, folder, _own_files(name, analysis_name))
+        _write_report(solution, record or RunRecord(), temporary, own)
+        _move(temporary, folder, own)
     except OSError as error:
         raise DataError(f"results cannot be written to {folder}: {error.strerror or error}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-    return tuple(folder / file for file in (*files, "report.json"))
+    if folder == earlier:
+        _remove_failed(folder / FAILED, name, own)
+    else:
+        _LOG.warning("this run is in %s, because it failed: earlier results in %s stay", folder, earlier)
+    if has_results and figures:
+        _write_figures(solution, folder, baseline)
+        try:
+            _write_report(solution, record or RunRecord(), folder, own)
+        except DataError as error:
+            _LOG.warning("the report lacks the figures: %s", error)
+    return tuple(folder / file for file in (*_found(folder, own), REPORT))
 
 
 def _check_name(name: str) -> None:
@@ -186,26 +214,68 @@ def _check_name(name: str) -> None:
         )
 
 
-def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
-    """Match every file that a run of this name may have written."""
+def own_files(name: str, analysis_name: str) -> re.Pattern[str]:
+    """Match every file that a run of this name may write, but for the report.
+
+    Parameters
+    ----------
+    name : str
+        Of the motion.
+    analysis_name : str
+
+    Returns
+    -------
+    pattern
+        Of whole file names.
+    """
     own, analysis = re.escape(name), re.escape(analysis_name)
     patterns = [pattern.replace(".", r"\.") for pattern in RESULT_FILES | STATUS_FILE]
     patterns += [f"{{name}}_{figure}\\.(png|pdf)" for figure in FIGURES]
     return re.compile("|".join(pattern.format(name=own, analysis=analysis) for pattern in patterns))
 
 
+def _found(folder: Path, own: re.Pattern[str]) -> list[str]:
+    return [name for name in names_in(folder) if own.fullmatch(name)]
+
+
+def _beside(folder: Path) -> Path:
+    return folder.parent / f".{folder.name}.{uuid.uuid4().hex}.tmp"
+
+
 def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
-    """Put the files of `source` in place of those in `target` that match `own`."""
+    """Put the files of `source` in place of those in `target` that match `own`, or leave those there."""
     if not target.exists():
         os.replace(source, target)
         return
-    with contextlib.suppress(FileNotFoundError):
-        (target / "report.json").unlink()
-    for path in target.iterdir():
-        if own.fullmatch(path.name):
-            path.unlink()
-    for path in sorted(source.iterdir(), key=lambda path: path.name == "report.json"):
-        os.replace(path, target / path.name)
+    earlier = _beside(target)
+    earlier.mkdir()
+    new = (*_found(source, own), REPORT)
+    try:
+        for name in (REPORT, *_found(target, own)):
+            with contextlib.suppress(FileNotFoundError):
+                os.replace(target / name, earlier / name)
+        for name in new:
+            os.replace(source / name, target / name)
+    except BaseException:
+        for name in new:
+            if not (source / name).exists():
+                (target / name).unlink(missing_ok=True)
+        for name in (*_found(earlier, own), REPORT):
+            with contextlib.suppress(FileNotFoundError):
+                os.replace(earlier / name, target / name)
+        earlier.rmdir()
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:
+    """Remove what an earlier run of this name left when it failed."""
+    if (read_report(folder) or {}).get("name") != name:
+        return
+    with contextlib.suppress(OSError):
+        for file in (REPORT, *_found(folder, own)):
+            (folder / file).unlink()
+        folder.rmdir()
 
 
 def _write(content: Storage | str | None, path: Path) -> None:
@@ -381,10 +451,17 @@ def _has_rows(solution: Solution) -> bool:
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
     from scso_nlp import figures
 
+    name = solution.problem.motion.name
     for what, draw in FIGURES.items():
-        figure = draw(figures, solution, baseline)
-        if figure is not None:
-            figures.save_figure(figure, folder, f"{solution.problem.motion.name}_{what}")
+        figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
+
+
+def _write_report(solution: Solution, record: RunRecord, folder: Path, own: re.Pattern[str]) -> None:
+    """Write the report about a folder, with the hashes of the files that are there."""
+    files = {name: sha256(folder / name) for name in _found(folder, own)}
+    text = json.dumps(_report(solution, record, files), indent=1, ensure_ascii=False, allow_nan=False)
+    with write_whole(folder / REPORT) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import logging
-from collections.abc import Mapping
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from types import FrameType
 
 import casadi as ca
 import numpy as np
@@ -125,8 +130,13 @@ def call_ipopt(
     Returns
     -------
     IpoptAnswer
+
+    Notes
+    -----
+    What a signal handler raises meanwhile, such as KeyboardInterrupt, ends the solve and is raised from here.
     """
-    answer = solver(x0=x0, p=p, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
+    with _interruptible():
+        answer = solver(x0=x0, p=p, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], Status.NUMERICAL_ERROR)
     _LOG.debug("IPOPT: %s after %d iterations", stats["return_status"], stats["iter_count"])
@@ -136,3 +146,47 @@ def call_ipopt(
     return IpoptAnswer(
         x=x, lam_g=np.asarray(answer["lam_g"]).ravel(), status=status, iterations=int(stats["iter_count"])
     )
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Raise after the block what a signal handler has raised within it.
+
+    CasADi lets Python's signal handlers run at every evaluation and stops IPOPT if one raises, but then drops
+    the exception and says so on stderr. Python runs handlers in its main thread only.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    raised: list[BaseException] = []
+
+    def remembering(handler: Callable[[int, FrameType | None], object]) -> Callable[..., None]:
+        def remember(number: int, frame: FrameType | None) -> None:
+            try:
+                handler(number, frame)
+            except BaseException as error:
+                raised.append(error)
+                quiet.enter_context(contextlib.redirect_stderr(io.StringIO()))
+                raise
+
+        return remember
+
+    previous = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    handlers = {number: handler for number, handler in previous.items() if callable(handler)}
+    own = {number: remembering(handler) for number, handler in handlers.items()}
+    with contextlib.ExitStack() as quiet:
+        try:
+            for number, handler in own.items():
+                signal.signal(number, handler)
+            yield
+        except BaseException:
+            if raised:
+                raise raised[0] from None
+            raise
+        finally:
+            for number, handler in own.items():
+                # a handler may have put another one in its place
+                if signal.getsignal(number) is handler:
+                    signal.signal(number, handlers[number])
+    if raised:
+        raise raised[0]

@@ -217,6 +217,32 @@ def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
     assert np.isnan(table.values).any(axis=1).any()
 
 
+def test_two_trials_of_one_name_and_a_failed_run_lose_nothing(spine):
+    """Every laboratory has trials whose AnalyzeTool has the same name."""
+    other = spine.parent / "other"
+    shutil.copytree(spine, other)
+    edit(other / "motion.mot", "5\t0\t0", "5\t0.1\t0")
+    first = spine.parent / "scso_results" / "spine_load_height"
+    second = first.with_name("spine_load_height_2")
+    assert scso("run", spine / "setup.xml", "--no-figures", cwd=spine.parent).returncode == 0
+    before = {path: path.read_bytes() for path in first.iterdir()}
+    done = scso("run", other / "setup.xml", "--no-figures", cwd=spine.parent)
+    assert (done.returncode, f"results in {second}\n" in done.stdout) == (0, True), done.stderr
+    assert done.stderr == (
+        f"scso: {first} has results of other inputs, which stay; those of this run go to {second}\n"
+    )
+    options = ("--stability", "potvin-brown", "--level", "1000")
+    done = scso("run", spine / "setup.xml", "--no-figures", *options, cwd=spine.parent)
+    assert done.returncode == 1
+    assert f"status and report, no results, in {first / 'failed'}\n" in done.stdout
+    assert f"earlier results in {first} stay" in done.stderr
+    assert {path: path.read_bytes() for path in first.iterdir() if path.is_file()} == before
+    done = scso("run", other / "setup.xml", "--no-figures", "--overwrite", cwd=spine.parent)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name for path in first.iterdir()} == {path.name for path in before}
+    assert (first / "report.json").read_bytes() != before[first / "report.json"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -61,6 +61,28 @@ def test_compare_prints_a_table_and_writes_csv_and_figures(runs):
     }
 
 
+def test_a_figure_that_fails_costs_compare_neither_table_nor_exit_code(runs, monkeypatch):
+    def broken(*_):
+        raise RuntimeError("no such font")
+
+    monkeypatch.setattr("scso_nlp.figures.plot_activity", broken)
+    found = call("compare", runs / "so", runs / "scso", "--output", runs / "out")
+    assert (found.exit_code, found.stderr) == (
+        0,
+        "scso: the figure comparison_activity is left out: no such font\n",
+    )
+    assert "table and figures in" in found.stdout
+    left = {path.name for path in (runs / "out").iterdir()}
+    assert left == {"comparison.csv", "comparison_mean_activity.png", "comparison_mean_activity.pdf"}
+
+
+def test_dollars_in_labels_are_no_mathematics(runs):
+    found = call("compare", runs / "so", runs / "scso", "--labels", "$_$,$^$", "--output", runs / "out")
+    assert (found.exit_code, found.stderr) == (0, "")
+    page = call("report", runs / "so", runs / "scso", "--labels", "$_$,$^$", "--output", runs / "a.html")
+    assert (page.exit_code, page.stderr) == (0, "")
+
+
 def test_report_writes_one_page(runs):
     found = call("report", runs / "so", runs / "scso", "--labels", "SO,SCSO", "--output", runs / "page.html")
     assert found.exit_code == 0, found.output

@@ -234,6 +234,29 @@ def test_a_worker_killed_from_outside_ends_the_run_with_its_name(
     assert not list(cache.glob("*"))
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the worker in /proc")
+def test_a_worker_that_gets_no_further_is_ended_with_a_sentence(
+    tiny: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crew, "SILENCE", 3.0)
+    monkeypatch.setattr(crew, "PATIENCE", 0.5)
+    before = set(_children())
+    seen: list[int] = []
+    start = crew._start
+
+    def stopped(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
+        process = start(folder, part, parts)
+        seen.append(process.pid)
+        os.kill(process.pid, signal.SIGSTOP)
+        return process
+
+    monkeypatch.setattr(crew, "_start", stopped)
+    with pytest.raises(EngineError, match=r"worker 1 of 1 got no further for 3 s before its first frame"):
+        load_motion(tiny.setup, processes=1)
+    assert len(seen) == 1
+    assert not set(_children()) - before
+
+
 def _replace(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text

@@ -165,15 +165,75 @@ def test_a_failed_frame_leaves_a_status_and_a_report_only(tmp_path):
     assert files(tmp_path / "results") == ALWAYS
 
 
-def test_results_of_an_earlier_run_do_not_survive_beside_a_failed_one(tmp_path):
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_a_failed_run_leaves_earlier_results_and_stands_beside_them(tmp_path, caplog):
     folder = tmp_path / "results"
     write_solution(solution_by_hand(), folder)
     (folder / "notes.txt").write_text("mine")
+    before = content(folder)
+    for keep_failed in (True, False):
+        written = write(solution_by_hand(failed=(1,)), folder, keep_failed=keep_failed)
+        assert content(folder) == before
+        assert {path.parent for path in written} == {folder / "failed"}
+        assert "because it failed: earlier results in" in caplog.text
+    assert files(folder / "failed") == ALWAYS
+    write(solution_by_hand(tonus=0.1), folder)
+    assert files(folder) == RESULTS | ALWAYS | {STABILITY, "notes.txt"}
+    assert content(folder) != before
+
+
+def test_results_with_gaps_are_replaced_by_their_like_but_not_by_none(tmp_path):
+    folder = tmp_path / "results"
+    write(solution_by_hand(failed=(1, 2)), folder)
+    write(solution_by_hand(failed=(1,)), folder, keep_failed=True)
+    write(solution_by_hand(failed=(1, 3)), folder, keep_failed=True)
+    before = content(folder)
+    assert json.loads(before["report.json"])["status_counts"] == {"SOLVED": 3, "INFEASIBLE": 2}
+    write(solution_by_hand(failed=(1,)), folder)
+    assert content(folder) == before
+    assert files(folder / "failed") == ALWAYS
+
+
+def test_a_failed_run_leaves_results_that_have_no_report(tmp_path):
+    """Such as OpenSim's own, which have the same names."""
+    folder = tmp_path / "results"
+    write(solution_by_hand(), folder)
+    (folder / "report.json").unlink()
+    write(solution_by_hand(failed=(1,)), folder)
+    assert files(folder) > RESULTS
+
+
+def test_results_of_another_name_stay(tmp_path):
+    folder = tmp_path / "results"
     write(solution_by_hand(name="antagonists_2"), folder)
-    write_solution(solution_by_hand(failed=(1,)), folder)
-    left = files(folder)
-    assert {name for name in left if not name.startswith("antagonists_2")} == ALWAYS | {"notes.txt"}
-    assert "antagonists_2_StaticOptimization_force.sto" in left
+    write(solution_by_hand(), folder)
+    assert "antagonists_2_StaticOptimization_force.sto" in files(folder)
+
+
+def test_what_fails_in_a_figure_costs_that_figure_alone(tmp_path, monkeypatch, caplog):
+    def broken(*_, **__):
+        raise ValueError("no such\nglyph")
+
+    monkeypatch.setattr("scso_nlp.figures.plot_moments", broken)
+    written = write_solution(solution_by_hand(stability=False), tmp_path / "results")
+    left = RESULTS | ALWAYS | {"antagonists_activations.png", "antagonists_activations.pdf"}
+    assert files(tmp_path / "results") == {path.name for path in written} == left
+    assert "the figure antagonists_moments is left out: no such glyph" in caplog.text
+    report = json.loads((tmp_path / "results" / "report.json").read_text())
+    assert set(report["files_sha256"]) == left - {"report.json"}
+
+
+def test_dollars_in_names_are_dollars_in_figures(tmp_path, caplog):
+    """Between two of them matplotlib would read mathematics, of which not every text is one."""
+    solution = solution_by_hand(name="$_$", sides=("$_$", "back_$\\$"))
+    written = write_solution(solution, tmp_path / "results")
+    assert caplog.text == ""
+    assert {path.name for path in written if path.suffix == ".png"} == {
+        f"$_$_{what}.png" for what in ("activations", "moments", "stability", "contributions")
+    }
 
 
 def test_failed_frames_that_are_kept_are_not_numbers_in_any_result_file(tmp_path):
@@ -240,9 +300,7 @@ def test_the_report_is_strict_json_with_what_is_needed_to_reproduce(tmp_path):
     assert list(report["files_sha256"]) == [status.name]
 
 
-@pytest.mark.parametrize(
-    "broken", ["_force.sto", "_controls.xml", "_status.sto", "report.json", "_moments.png"]
-)
+@pytest.mark.parametrize("broken", ["_force.sto", "_controls.xml", "_status.sto", "report.json"])
 @pytest.mark.parametrize("exists", [False, True])
 def test_a_full_disk_leaves_what_was_there_before(tmp_path, monkeypatch, broken, exists):
     folder = tmp_path / "results"
@@ -267,26 +325,26 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, monkeypatch, broken,
         assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_folder_with_a_report_is_complete_even_if_the_move_is_interrupted(tmp_path, monkeypatch):
+@pytest.mark.parametrize("step", range(11))
+def test_a_move_that_is_interrupted_is_taken_back(tmp_path, monkeypatch, step):
     folder = tmp_path / "results"
-    write(solution_by_hand(), folder)
+    write_solution(solution_by_hand(), folder)
+    before = content(folder)
     real = os.replace
-    moved = []
+    steps = iter(range(1000))
 
     def interrupted(source, target):
-        # only the last step, out of the temporary folder, is cut short
-        if Path(target).parent == folder:
-            if len(moved) == 2:
-                raise KeyboardInterrupt
-            moved.append(target)
+        # only the last steps count, out of the temporary folder and before it into another
+        moves = folder in (Path(target).parent, Path(source).parent)
+        if moves and next(steps) == step:
+            raise KeyboardInterrupt
         real(source, target)
 
     monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write(solution_by_hand(), folder)
+        write(solution_by_hand(tonus=0.1), folder)
     monkeypatch.undo()
-    assert len(moved) == 2
-    assert "report.json" not in files(folder)
+    assert content(folder) == before
     assert files(tmp_path) == {"results"}
 
 
