@@ -352,13 +352,6 @@ def test_the_real_model_that_opensim_refuses_is_named_with_the_reason(shared_dat
         load_motion(shared_data / "arm26" / "arm26_Setup_StaticOptimization.xml")
 
 
-@pytest.mark.parametrize(("initial", "final"), [(2.0, 3.0), (0.0, 1.5), (-0.4, 0.5)])
-def test_a_time_range_outside_the_motion_is_refused(initial: float, final: float, tiny: Tiny) -> None:
-    """OpenSim would run on what the filter mirrored beyond the ends."""
-    with pytest.raises(DataError, match=r"is outside .*moving\.mot, which covers 0 to 1 s"):
-        load_motion(tiny.setup, initial_time=initial, final_time=final)
-
-
 def test_names_of_stability_axes_and_settings_are_checked(tiny: Tiny) -> None:
     with pytest.raises(NameMismatchError, match=r"unknown joint 'knee'.*shoulder, elbow, sliding"):
         load_motion(tiny.setup, stability_axes=(("knee", "z"),))
