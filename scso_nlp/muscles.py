@@ -31,8 +31,8 @@ class MuscleParameters:
     tendon_slack_length : ndarray, shape (n_muscles,) [m]
     pennation_angle_at_optimal : ndarray, shape (n_muscles,) [rad]
     max_contraction_velocity : ndarray, shape (n_muscles,) [1/s]
-        In optimal fiber lengths per second. Zero in models whose muscle class does not use it; muscle models
-        with force-velocity curves of their own refuse that.
+        In optimal fiber lengths per second. Zero in models of deprecated muscle classes; muscle models with
+        force-velocity curves of their own refuse that.
     min_activation, max_activation : ndarray, shape (n_muscles,) [-]
         Bounds: OpenSim's ``min_control`` and ``max_control``.
     activation_time_constant, deactivation_time_constant : ndarray, shape (n_muscles,) [s]

@@ -16,8 +16,10 @@ logger = logging.getLogger("scso_nlp")
 
 #: Fewer frames than this leave the quintic spline, which gives speeds and accelerations, undetermined.
 MIN_FRAMES = 6
-#: The filter resamples to the smallest step, so this must not be a smaller share of the median step [-].
-SMALLEST_STEP = 1e-3
+#: The filter resamples to the smallest step. If that is a smaller share of the median step than this [-] ...
+EVEN_STEPS = 0.1
+#: ... at most so many numbers are resampled, which takes OpenSim half a minute.
+MOST_RESAMPLED = 3_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,12 +175,15 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
     if motion.states is not None or cutoff is None or cutoff < 0:
         return
     steps = np.diff(table.time)
-    smallest, typical = int(steps.argmin()), float(np.median(steps))
-    if steps[smallest] < SMALLEST_STEP * typical:
+    row, typical = int(steps.argmin()), float(np.median(steps))
+    smallest = float(steps[row])
+    # the filter doubles the motion by what it mirrors at the ends
+    n_resampled = 2 * (table.time[-1] - table.time[0]) / smallest
+    if smallest < EVEN_STEPS * typical and n_resampled * table.n_columns > MOST_RESAMPLED:
         raise DataError(
-            f"{motion.motion}: the rows at t = {table.time[smallest]:.9g} s are {steps[smallest]:.3g} s "
-            f"apart, expected at least {SMALLEST_STEP:g} of the typical step of {typical:.3g} s, because the "
-            "low-pass filter resamples to the smallest step; take out one of them or switch the filter off"
+            f"{motion.motion}: the rows at t = {table.time[row]:.9g} s are {smallest:.3g} s apart, expected "
+            f"about the typical step of {typical:.3g} s, because the low-pass filter resamples to the "
+            f"smallest step ({n_resampled:.2g} rows); take out one of them or switch the filter off"
         )
 
 

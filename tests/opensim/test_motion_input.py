@@ -274,8 +274,8 @@ def test_a_step_too_small_for_the_filter_is_refused(tiny: Tiny) -> None:
     with pytest.raises(DataError) as failure:
         load_motion(tiny.setup, processes=1)
     assert str(failure.value) == (
-        f"{tiny.moving}: the rows at t = 0.5 s are 1e-06 s apart, expected at least 0.001 of the typical "
-        "step of 0.01 s, because the low-pass filter resamples to the smallest step; take out one of them or "
+        f"{tiny.moving}: the rows at t = 0.5 s are 1e-06 s apart, expected about the typical step of 0.01 s, "
+        "because the low-pass filter resamples to the smallest step (2e+06 rows); take out one of them or "
         "switch the filter off"
     )
     assert load_motion(tiny.setup, lowpass_cutoff_frequency=-1, processes=1).trajectory.n_frames == 72
