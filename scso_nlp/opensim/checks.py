@@ -60,7 +60,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
     Raises
     ------
     DataError
-        A missing file, a value that is not finite, a time range outside the motion, a filter on times too
+        A missing file, a value that is not finite, a time range beside the motion, a filter on times too
         uneven for it.
     FileFormatError
         A file that is not what it should be.

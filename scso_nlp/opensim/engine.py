@@ -72,7 +72,8 @@ def load_motion(
     Raises
     ------
     DataError
-        Input that cannot be used: a missing file or column, NaN, a time range outside the motion.
+        Input that cannot be used: a missing file or column, NaN, a time range beside the motion, a unit that
+        is proven wrong.
     EngineError
         OpenSim refused the input, or a worker process died.
 
