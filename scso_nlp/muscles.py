@@ -31,7 +31,8 @@ class MuscleParameters:
     tendon_slack_length : ndarray, shape (n_muscles,) [m]
     pennation_angle_at_optimal : ndarray, shape (n_muscles,) [rad]
     max_contraction_velocity : ndarray, shape (n_muscles,) [1/s]
-        In optimal fiber lengths per second.
+        In optimal fiber lengths per second. Zero in models of deprecated muscle classes; muscle models with
+        force-velocity curves of their own refuse that.
     min_activation, max_activation : ndarray, shape (n_muscles,) [-]
         Bounds: OpenSim's ``min_control`` and ``max_control``.
     activation_time_constant, deactivation_time_constant : ndarray, shape (n_muscles,) [s]
@@ -78,15 +79,10 @@ class MuscleParameters:
             "deactivation_time_constant",
         ):
             set_field(self, name, read_only(name, getattr(self, name), (n,), "n_muscles"))
-        for name in ("max_isometric_force", "optimal_fiber_length", "max_contraction_velocity"):
+        for name in ("max_isometric_force", "optimal_fiber_length"):
             _refuse(self.muscles, name, getattr(self, name) <= 0, getattr(self, name), "must be positive")
-        _refuse(
-            self.muscles,
-            "tendon_slack_length",
-            self.tendon_slack_length < 0,
-            self.tendon_slack_length,
-            "must not be negative",
-        )
+        for name in ("tendon_slack_length", "max_contraction_velocity"):
+            _refuse(self.muscles, name, getattr(self, name) < 0, getattr(self, name), "must not be negative")
         _refuse(
             self.muscles,
             "min_activation",

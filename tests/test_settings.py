@@ -80,6 +80,7 @@ ARRIVES = {
     "lowpass_cutoff_frequency": ("6", "6.0", 6.0),
     "step_interval": ("3", "3", 3),
     "in_degrees": (False, "false", False),
+    "speeds_in_degrees": (True, "true", True),
     "held_coordinates": ("a, b", '["a", "b"]', ("a", "b")),
     "keep_coupled_speeds": (False, "false", False),
     "exponent": ("inf", "inf", math.inf),

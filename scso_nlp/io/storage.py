@@ -14,7 +14,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.files import write_whole
-from scso_nlp.validation import FloatArray, IntArray, nearest, read_only
+from scso_nlp.validation import BoolArray, FloatArray, IntArray, nearest, read_only
 
 logger = logging.getLogger("scso_nlp")
 
@@ -34,6 +34,8 @@ UNITS_DESCRIPTION = (
 )
 #: A header longer than this is not a Storage header [bytes].
 MAX_HEADER_BYTES = 2**20
+#: Times count as equal if they are apart by no more than this share of the typical step [-].
+EQUAL_TIMES = 1e-6
 
 _KEY_VALUE = re.compile(r"([A-Za-z_]\w*)\s*=\s*(.*)")
 _SIMM_KEYS = (
@@ -296,6 +298,41 @@ def read_storage(path: str | os.PathLike[str]) -> Storage:
     )
 
 
+def with_distinct_times(storage: Storage) -> Storage:
+    """Take rows whose times are equal but for rounding as one row.
+
+    Some programs end a file with two rows for one instant, e.g. at 1.5989999999999 and 1.599 s. A spline
+    through both has no meaning, and a filter that resamples to the smallest step never ends.
+
+    Parameters
+    ----------
+    storage : Storage
+
+    Returns
+    -------
+    Storage
+        Of every such group the values of the last row, as of equal times, at the time of the first. The same
+        storage if there is none.
+
+    Notes
+    -----
+    Equal are times that differ by no more than a millionth of the median step, which is logged as equal times
+    are.
+    """
+    if storage.n_frames < 3:
+        return storage
+    steps = np.diff(storage.time)
+    is_distinct = steps > EQUAL_TIMES * np.median(steps)
+    if is_distinct.all():
+        return storage
+    _report_equal_times(storage._where, storage.time, is_distinct)
+    return replace(
+        storage,
+        time=storage.time[np.concatenate(([True], is_distinct))],
+        values=storage.values[np.concatenate((is_distinct, [True]))],
+    )
+
+
 def write_storage(
     storage: Storage,
     path: str | os.PathLike[str],
@@ -535,16 +572,20 @@ def _one_row_per_time(path: Path, table: FloatArray, line_numbers: IntArray) -> 
             f"{path}, line {line_numbers[k]}: time must increase, found {_shown(time[k])} s at row {k} "
             f"after {_shown(time[k - 1])} s"
         )
-    last = np.append(time[1:] > time[:-1], True)
-    if not last.all():
-        first = int(np.flatnonzero(~last)[0])
-        logger.warning(
-            "%s: %d row(s) have the time of the next row, first at t = %s s; the last of each time is kept",
-            path,
-            int((~last).sum()),
-            _shown(time[first]),
-        )
-    return table[last]
+    is_distinct = time[1:] > time[:-1]
+    if not is_distinct.all():
+        _report_equal_times(str(path), time, is_distinct)
+    return table[np.append(is_distinct, True)]
+
+
+def _report_equal_times(where: str, time: FloatArray, is_distinct: BoolArray) -> None:
+    """Log how many rows, shape (n_rows,) [s], have the time of the next, shape (n_rows - 1,)."""
+    logger.warning(
+        "%s: %d row(s) have the time of the next row, first at t = %s s; the last of each time is kept",
+        where,
+        int((~is_distinct).sum()),
+        _shown(time[int(np.argmin(is_distinct))]),
+    )
 
 
 def _check_names(storage: Storage, path: Path) -> None:

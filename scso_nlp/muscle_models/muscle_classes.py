@@ -92,6 +92,7 @@ def muscle_groups(parameters: MuscleParameters) -> tuple[MuscleGroup, ...]:
 def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) -> MuscleGroup:
     curves = MUSCLE_CLASSES[opensim_class]
     angle, slack = parameters.pennation_angle_at_optimal, parameters.tendon_slack_length
+    fastest = parameters.max_contraction_velocity
     for m in where:
         name = parameters.muscles[m]
         if not 0.0 <= angle[m] < 0.5 * np.pi:
@@ -101,6 +102,12 @@ def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) ->
             )
         if curves.HAS_ELASTIC_TENDON and not slack[m] > 0.0:
             raise DataError(f"tendon_slack_length of {name!r} is {slack[m]:g} m, must be positive")
+        if not fastest[m] > 0.0:
+            raise DataError(
+                f"max_contraction_velocity of {name!r} is {fastest[m]:g} 1/s, must be positive for the "
+                f"curves of {opensim_class}; set it in the model, or choose a muscle model that does not "
+                "need it (opensim-rigid, none)"
+            )
     shapes = [
         curves.check_curve_parameters(parameters.muscles[m], parameters.curve_parameters[m]) for m in where
     ]
@@ -110,7 +117,7 @@ def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) ->
         optimal_fiber_length=ca.DM(parameters.optimal_fiber_length[where]),
         tendon_slack_length=ca.DM(slack[where]),
         pennation_angle_at_optimal=ca.DM(angle[where]),
-        max_contraction_velocity=ca.DM(parameters.max_contraction_velocity[where]),
+        max_contraction_velocity=ca.DM(fastest[where]),
         curve_parameters={name: ca.DM([s[name] for s in shapes]) for name in curves.DEFAULT_CURVE_PARAMETERS},
     )
     return MuscleGroup(where, muscle)

@@ -4,29 +4,34 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.io.storage import Storage, read_storage, with_distinct_times
 from scso_nlp.opensim.setup_xml import LoadSource, MotionInput, check_document, read_external_loads
 
 logger = logging.getLogger("scso_nlp")
 
 #: Fewer frames than this leave the quintic spline, which gives speeds and accelerations, undetermined.
 MIN_FRAMES = 6
+#: The filter resamples to the smallest step. If that is a smaller share of the median step than this [-] ...
+EVEN_STEPS = 0.1
+#: ... at most so many numbers are resampled, which takes OpenSim half a minute.
+MOST_RESAMPLED = 3_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedInput:
     """A motion input whose files were read and found usable."""
 
-    motion: MotionInput
-    table: Storage  # the motion file
+    motion: MotionInput  # its time range lies within the motion
+    table: Storage  # the motion file, of rows with equal times the last
     in_degrees: bool  # unit of its angles
     unusable: Mapping[str, str]  # columns that are not finite everywhere, refused if a coordinate needs them
     speeds: Storage | None
+    speeds_in_degrees: bool  # unit of its angular speeds
     loads: LoadSource | None
 
     @property
@@ -55,7 +60,8 @@ def check_input(motion: MotionInput) -> CheckedInput:
     Raises
     ------
     DataError
-        A missing file, a value that is not finite, a time range outside the motion.
+        A missing file, a value that is not finite, a time range beside the motion, a filter on times too
+        uneven for it.
     FileFormatError
         A file that is not what it should be.
     NameMismatchError
@@ -67,12 +73,14 @@ def check_input(motion: MotionInput) -> CheckedInput:
     check_document(motion.model, "Model")
     for path in motion.actuators:
         check_document(path, "ForceSet")
-    table = read_storage(motion.motion)
+    table = with_distinct_times(read_storage(motion.motion))
     in_degrees = _in_degrees(motion, table)
-    _check_range(motion, table)
-    speeds = None
+    motion = _within(motion, table)
+    _check_steps(motion, table)
+    speeds, speeds_in_degrees = None, False
     if motion.speeds is not None:
-        speeds = read_storage(motion.speeds).require_finite()
+        speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
+        speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
     loads = None
     if motion.external_loads is not None:
         loads = read_external_loads(motion.external_loads)
@@ -83,6 +91,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
         in_degrees=in_degrees,
         unusable=_unusable_columns(table),
         speeds=speeds,
+        speeds_in_degrees=speeds_in_degrees,
         loads=loads,
     )
 
@@ -93,20 +102,25 @@ def _in_degrees(motion: MotionInput, table: Storage) -> bool:
         if table.in_degrees and motion.in_degrees is None:
             raise DataError(f"{motion.motion} is in degrees, but OpenSim reads states in radians")
         return bool(motion.in_degrees)
-    in_degrees = table.assumed_in_degrees if motion.in_degrees is None else motion.in_degrees
+    return _unit(table, motion.in_degrees, "in_degrees")
+
+
+def _unit(table: Storage, told: bool | None, setting: str) -> bool:
+    """Tell if a file's angles are in degrees: as told by a setting, or as OpenSim takes them."""
+    in_degrees = table.assumed_in_degrees if told is None else told
     unit = "degrees" if in_degrees else "radians"
-    if motion.in_degrees is None and table.in_degrees is None:
+    if told is None and table.in_degrees is None:
         logger.info(
-            "%s: inDegrees is missing, %s as OpenSim does (in_degrees overrides)", motion.motion, unit
+            "%s: inDegrees is missing, %s as OpenSim does (%s overrides)", table.source, unit, setting
         )
-    elif motion.in_degrees is None and table.in_degrees is False and table.is_old_mot:
+    elif told is None and table.in_degrees is False and table.is_old_mot:
         logger.warning(
             "%s: radians, as its inDegrees=no says, but OpenSim reads .mot files without a version line in "
             "degrees",
-            motion.motion,
+            table.source,
         )
     elif table.in_degrees is not None and table.in_degrees != in_degrees:
-        logger.warning("%s: read in %s, although its header says otherwise", motion.motion, unit)
+        logger.warning("%s: read in %s, although its header says otherwise", table.source, unit)
     return in_degrees
 
 
@@ -119,21 +133,57 @@ def _unusable_columns(table: Storage) -> dict[str, str]:
     return unusable
 
 
-def _check_range(motion: MotionInput, table: Storage) -> None:
+def _within(motion: MotionInput, table: Storage) -> MotionInput:
+    """Cut the time range to the motion, and say so."""
     first, last = float(table.time[0]), float(table.time[-1])
     # OpenSim takes the frame before; half a step of slack lets rounded ends of setup files pass
     slack = 0.5 * (last - first) / max(table.n_frames - 1, 1)
     initial = first if motion.initial_time is None else motion.initial_time
     final = last if motion.final_time is None else motion.final_time
-    if initial < first - slack or final > last + slack:
+    if initial > last + slack or final < first - slack:
         raise DataError(
             f"the time range {initial:.9g} to {final:.9g} s is outside {motion.motion}, which covers "
-            f"{first:.9g} to {last:.9g} s"
+            f"{first:.9g} to {last:.9g} s; give initial_time and final_time within it"
         )
+    starts_before, ends_after = initial < first - slack, final > last + slack
+    if starts_before or ends_after:
+        logger.warning(
+            "%s covers %.9g to %.9g s: of the time range asked for, %.9g to %.9g s, %.9g to %.9g s is taken",
+            motion.motion,
+            first,
+            last,
+            initial,
+            final,
+            first if starts_before else initial,
+            last if ends_after else final,
+        )
+    return replace(
+        motion,
+        initial_time=None if starts_before else motion.initial_time,
+        final_time=None if ends_after else motion.final_time,
+    )
+
+
+def _check_steps(motion: MotionInput, table: Storage) -> None:
+    """Refuse motions with too few rows for the spline, or with rows too close for the filter."""
     if table.n_frames < MIN_FRAMES:
         raise DataError(
             f"{motion.motion} has {table.n_frames} frames, expected at least {MIN_FRAMES} for the quintic "
             "spline that gives speeds and accelerations"
+        )
+    cutoff = motion.lowpass_cutoff_frequency
+    if motion.states is not None or cutoff is None or cutoff < 0:
+        return
+    steps = np.diff(table.time)
+    row, typical = int(steps.argmin()), float(np.median(steps))
+    smallest = float(steps[row])
+    # the filter doubles the motion by what it mirrors at the ends
+    n_resampled = 2 * (table.time[-1] - table.time[0]) / smallest
+    if smallest < EVEN_STEPS * typical and n_resampled * table.n_columns > MOST_RESAMPLED:
+        raise DataError(
+            f"{motion.motion}: the rows at t = {table.time[row]:.9g} s are {smallest:.3g} s apart, expected "
+            f"about the typical step of {typical:.3g} s, because the low-pass filter resamples to the "
+            f"smallest step ({n_resampled:.2g} rows); take out one of them or switch the filter off"
         )
 
 

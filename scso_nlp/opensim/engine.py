@@ -35,6 +35,8 @@ logger = logging.getLogger("scso_nlp")
 
 #: The package that decides what the arrays are, given input and versions.
 WORKER = Path(__file__).with_name("worker")
+#: Settings that tell the unit of a file against its header.
+TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 
 
 def load_motion(
@@ -70,7 +72,8 @@ def load_motion(
     Raises
     ------
     DataError
-        Input that cannot be used: a missing file or column, NaN, a time range outside the motion.
+        Input that cannot be used: a missing file or column, NaN, a time range beside the motion, a unit that
+        is proven wrong.
     EngineError
         OpenSim refused the input, or a worker process died.
 
@@ -130,7 +133,12 @@ def _table(storage: Storage) -> Table:
 
 def _settings(checked: CheckedInput) -> dict[str, Any]:
     """Return the fields of the motion input as JSON values."""
-    settings = dataclasses.asdict(checked.motion) | {"in_degrees": checked.in_degrees}
+    motion = checked.motion
+    settings = dataclasses.asdict(motion) | {
+        "in_degrees": checked.in_degrees,
+        "speeds_in_degrees": checked.speeds_in_degrees,
+        "told_units": [name for name in TOLD_UNITS if getattr(motion, name) is not None],
+    }
     plain: dict[str, Any] = json.loads(json.dumps(settings, default=str))
     return plain
 

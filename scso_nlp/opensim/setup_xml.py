@@ -57,8 +57,9 @@ class MotionInput:
     replace_force_set : bool
         Drop the model's own forces first.
     initial_time, final_time : float or None [s]
-        Range to analyze; None is the whole motion. As in OpenSim no frame is interpolated: the range starts
-        and ends with the last frame at or before each time.
+        Range to analyze; None or infinity is the whole motion. A range that reaches beyond the motion is cut
+        to it (logged). As in OpenSim no frame is interpolated: the range starts and ends with the last frame
+        at or before each time.
     lowpass_cutoff_frequency : float or None [Hz]
         Low-pass filter of the coordinates, as OpenSim's; None or a negative number is no filter.
     step_interval : int
@@ -68,6 +69,8 @@ class MotionInput:
     in_degrees : bool or None
         Unit of the coordinates' angles, where the motion's header is wrong or missing. None: the header, or
         what OpenSim assumes without it (logged).
+    speeds_in_degrees : bool or None
+        The same for the angular speeds of `speeds`, which have a header of their own.
     held_coordinates : tuple of str
         Coordinates that may stay at zero because the motion has no column for them.
     keep_coupled_speeds : bool
@@ -94,6 +97,7 @@ class MotionInput:
     step_interval: int = 1
     name: str = ""
     in_degrees: bool | None = None
+    speeds_in_degrees: bool | None = None
     held_coordinates: tuple[str, ...] = ()
     keep_coupled_speeds: bool = True
     stability_axes: tuple[tuple[str, str], ...] = ()
@@ -127,6 +131,9 @@ class MotionInput:
             value = getattr(self, name)
             if value is not None and math.isnan(value):
                 raise DataError(f"{name} is not a number")
+        for name, whole in (("initial_time", -math.inf), ("final_time", math.inf)):
+            if getattr(self, name) == whole:
+                set_field(self, name, None)
         if (
             self.initial_time is not None
             and self.final_time is not None
@@ -244,6 +251,8 @@ def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
     initial = reader.number("initial_time", DEFAULT_INITIAL_TIME)
     final = reader.number("final_time", DEFAULT_FINAL_TIME)
     start, end = analysis.number("start_time", -math.inf), analysis.number("end_time", math.inf)
+    if not reader.text("initial_time") or not reader.text("final_time"):
+        logger.info("%s: the range is %g to %g s, as OpenSim takes where none is named", path, initial, final)
     if start > initial or end < final:
         logger.warning(
             "%s: start_time %g and end_time %g of the analysis are ignored, as OpenSim does: "

@@ -294,7 +294,12 @@ def edit(path: Path, old: str, new: str) -> None:
     [
         ("setup.xml", "</AnalyzeTool>", "", "setup.xml is not well-formed XML"),
         ("setup.xml", "<OpenSimDocument", '<!DOCTYPE a [<!ENTITY b "c">]>\n<OpenSimDocument', "XML entities"),
-        ("setup.xml", "<final_time>9<", "<final_time>99<", "the time range 0 to 99 s is outside"),
+        (
+            "setup.xml",
+            "<initial_time>0</initial_time>\n\t\t<final_time>9<",
+            "<initial_time>10</initial_time>\n\t\t<final_time>99<",
+            "the time range 10 to 99 s is outside",
+        ),
         ("setup.xml", "motion.mot", "walk.mot", "'walk.mot' does not exist"),
         ("motion.mot", "5\t0\t0", "5\tnan\t0", "lumbar_pelvis_flexion"),
         ("motion.mot", "lumbar_pelvis_flexion", "pelvis_flexion", "lumbar_pelvis_flexion"),

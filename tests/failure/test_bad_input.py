@@ -86,7 +86,7 @@ def test_arrays_of_a_motion_cannot_be_written_to(trajectory):
     [
         ("max_isometric_force", 0.0, "must be positive"),
         ("optimal_fiber_length", -0.1, "must be positive"),
-        ("max_contraction_velocity", 0.0, "must be positive"),
+        ("max_contraction_velocity", -1.0, "must not be negative"),
         ("tendon_slack_length", -1.0, "must not be negative"),
         ("min_activation", 2.0, "must not exceed max_activation"),
     ],

@@ -140,12 +140,43 @@ def test_a_tendon_without_length_and_a_pennation_of_a_right_angle_are_refused(mo
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0])
-@pytest.mark.parametrize("what", ["max_isometric_force", "optimal_fiber_length", "max_contraction_velocity"])
+@pytest.mark.parametrize("what", ["max_isometric_force", "optimal_fiber_length"])
 def test_constants_that_are_not_positive_never_reach_a_problem(what, value):
     with raises(f"{what} of 'm2' is {value:g}, must be positive"):
         muscle_parameters((MILLARD,) * 2, ({},) * 2, **{what: np.array([1.0, value])})
     with raises(f"{what} is nan at index (1,) of (n_muscles), expected a finite number"):
         muscle_parameters((MILLARD,) * 2, ({},) * 2, **{what: np.array([1.0, math.nan])})
+
+
+def without_speed_limit(problem):
+    """The same problem, its second muscle with a largest velocity of zero."""
+    muscles = dataclasses.replace(problem.motion.muscles, max_contraction_velocity=[10.0, 0.0])
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+
+
+@both_solvers
+@every_model
+@pytest.mark.parametrize("opensim_class", [THELEN, MILLARD, DE_GROOTE, RIGID])
+def test_a_largest_velocity_of_zero_is_refused_by_models_with_curves(solve, model, opensim_class):
+    said = f"max_contraction_velocity of 'm2' is 0 1/s, must be positive for the curves of {opensim_class}; "
+    with raises(said) as error:
+        solve(without_speed_limit(problem_of(model, opensim_class, {})))
+    is_one_sentence(error)
+
+
+@both_solvers
+@pytest.mark.parametrize("model", [scso.RigidTendon(), scso.NoPhysiology()], ids=["opensim", "none"])
+def test_a_largest_velocity_of_zero_does_not_matter_to_models_without_curves(solve, model):
+    problem = problem_of(model, MILLARD, {})
+    np.testing.assert_allclose(
+        solve(without_speed_limit(problem)).activation, solve(problem).activation, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan])
+def test_a_largest_velocity_below_zero_never_reaches_a_problem(value):
+    with raises("max_contraction_velocity "):
+        muscle_parameters((MILLARD,) * 2, ({},) * 2, max_contraction_velocity=np.array([1.0, value]))
 
 
 @both_solvers

@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.io import Storage, read_storage, write_storage
-from scso_nlp.io.storage import MAX_HEADER_BYTES
+from scso_nlp.io.storage import MAX_HEADER_BYTES, with_distinct_times
 
 HEADER = "motion\nversion=1\nnRows=2\nnColumns=3\ninDegrees=no\nendheader\n"
 LABELS = "time\ta\tb\n"
@@ -143,6 +143,28 @@ def test_of_rows_with_equal_time_the_last_is_kept_as_in_opensim(tmp_path, caplog
     assert storage.time.tolist() == [0, 0.1, 0.2]
     assert storage.values.tolist() == [[1, 2], [5, 6], [7, 8]]
     assert "1 row(s) have the time of the next row, first at t = 0.1 s" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("stamps", "kept_times", "kept_rows"),
+    [
+        ([0, 0.1, 0.2, 0.2 + 3e-13], [0, 0.1, 0.2], [0, 1, 3]),
+        ([0, 3e-13, 0.1, 0.2], [0, 0.1, 0.2], [1, 2, 3]),
+        ([0, 0.1, 0.1 + 1e-13, 0.1 + 2e-13, 0.2, 0.3, 0.4], [0, 0.1, 0.2, 0.3, 0.4], [0, 3, 4, 5, 6]),
+        ([0, 1e-9, 2e-9, 3e-9], None, [0, 1, 2, 3]),
+        ([0, 1e-9, 2e-9, 1e3], None, [0, 1, 2, 3]),
+        ([0, 1, 2, 2.00001], None, [0, 1, 2, 3]),
+        ([0, 1e-12], None, [0, 1]),
+    ],
+)
+def test_times_that_differ_by_rounding_are_one_row(stamps, kept_times, kept_rows, caplog):
+    storage = make(("a",), stamps, np.arange(len(stamps))[:, None])
+    found = with_distinct_times(storage)
+    assert found.values[:, 0].tolist() == kept_rows
+    assert found.time.tolist() == (kept_times or stamps[: len(kept_rows)])
+    dropped = len(stamps) - len(kept_rows)
+    assert (f"{dropped} row(s) have the time of the next row" in caplog.text) == (dropped > 0)
+    assert dropped or found is storage
 
 
 def test_wrong_counts_in_the_header_are_logged_and_the_data_trusted(tmp_path, caplog):

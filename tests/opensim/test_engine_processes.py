@@ -367,19 +367,51 @@ def test_bad_input_is_refused_in_one_sentence(what: str, tiny: Tiny) -> None:
     assert len(str(failure.value)) < 500
 
 
+def _no_speed_limit(tiny: Tiny) -> None:
+    limit = "<max_contraction_velocity>0</max_contraction_velocity>"
+    _replace(tiny.model, "<max_isometric_force>", f"{limit}<max_isometric_force>")
+
+
+def test_a_largest_velocity_of_zero_is_taken_where_opensim_takes_it_and_said(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture
+) -> None:
+    _replace(tiny.model, "Millard2012EquilibriumMuscle", "Schutte1993Muscle_Deprecated")
+    limited = load_motion(tiny.setup, processes=1)
+    _no_speed_limit(tiny)
+    caplog.clear()
+    found = load_motion(tiny.setup, processes=1)
+    assert (found.muscles.max_contraction_velocity == 0).all()
+    velocity, capacity = found.trajectory.muscle_tendon_velocity, found.trajectory.active_force_capacity
+    assert (capacity[velocity < 0] == 0).all()
+    assert (capacity >= 0).all()
+    assert (capacity[velocity > 0] > 0).any()
+    same = dataclasses.replace(
+        found.trajectory, active_force_capacity=limited.trajectory.active_force_capacity
+    )
+    assert_identical(same, limited.trajectory)
+    assert [text for text in caplog.messages if "max_contraction_velocity" in text] == [
+        "max_contraction_velocity is 0 in 3 muscle(s), flexor, wrapped, through_slider: OpenSim gives them "
+        "no active force while they shorten; set it in the model, or choose muscle_model = none"
+    ]
+
+
+def test_a_muscle_that_opensim_has_no_force_for_is_named(tiny: Tiny) -> None:
+    _no_speed_limit(tiny)
+    with pytest.raises(DataError) as failure:
+        load_motion(tiny.setup, processes=1)
+    assert re.fullmatch(
+        r"OpenSim's active force of 'flexor' \(Millard2012EquilibriumMuscle\) is nan at t = 0\.\d+ s, "
+        r"expected a finite number: check its parameters in the model \(max_contraction_velocity is 0 1/s\)",
+        str(failure.value),
+    )
+
+
 def test_the_real_model_that_opensim_refuses_is_named_with_the_reason(shared_data: Path) -> None:
     with pytest.raises(
         EngineError,
         match=r"OpenSim refused arm26\.osim: .*Minimum activation cannot be less than 0\.01.*TRIlong",
     ):
         load_motion(shared_data / "arm26" / "arm26_Setup_StaticOptimization.xml")
-
-
-@pytest.mark.parametrize(("initial", "final"), [(2.0, 3.0), (0.0, 1.5), (-0.4, 0.5)])
-def test_a_time_range_outside_the_motion_is_refused(initial: float, final: float, tiny: Tiny) -> None:
-    """OpenSim would run on what the filter mirrored beyond the ends."""
-    with pytest.raises(DataError, match=r"is outside .*moving\.mot, which covers 0 to 1 s"):
-        load_motion(tiny.setup, initial_time=initial, final_time=final)
 
 
 def test_names_of_stability_axes_and_settings_are_checked(tiny: Tiny) -> None:

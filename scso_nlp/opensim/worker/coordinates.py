@@ -24,6 +24,11 @@ class Coupler:
     function: osim.Function
     scale: float
 
+    def value(self, values: FloatArray) -> float:
+        """Return what it asks of its coordinate, given the values of all, shape (n_u,)."""
+        argument = osim.Vector.createFromMat(np.ascontiguousarray(values[self.where]))
+        return float(self.scale * self.function.calcValue(argument))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinates:
@@ -42,8 +47,7 @@ class Coordinates:
         """Give coupled coordinates the values that their couplers ask for, in place, shape (n_u,)."""
         for _ in range(min(len(self.couplers), MOST_ROUNDS)):
             for coupler in self.couplers:
-                argument = osim.Vector.createFromMat(np.ascontiguousarray(values[coupler.where]))
-                values[coupler.target] = coupler.scale * coupler.function.calcValue(argument)
+                values[coupler.target] = coupler.value(values)
 
 
 def read_coordinates(model: osim.Model, state: osim.State) -> Coordinates:

@@ -13,7 +13,12 @@ from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.motion import Note, read_kinematics
-from scso_nlp.opensim.worker.muscles import actuator_parameters, muscle_parameters
+from scso_nlp.opensim.worker.muscles import (
+    active_force_capacities,
+    actuator_parameters,
+    muscle_parameters,
+    notes_on_muscles,
+)
 from scso_nlp.opensim.worker.paths import path_arrays
 from scso_nlp.opensim.worker.poses import Pose, Poses
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
@@ -91,9 +96,7 @@ class Extraction:
         return {
             "muscle_tendon_length": np.array([path.getLength(state) for path in paths]),
             "muscle_tendon_velocity": np.array([path.getLengtheningSpeed(state) for path in paths]),
-            "active_force_capacity": np.array(
-                [muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in muscles]
-            ),
+            "active_force_capacity": active_force_capacities(muscles, state),
         }
 
     def _skeleton(self, pose: Pose, joints: JointFrames, loads: LoadVectors) -> dict[str, Any]:
@@ -149,7 +152,7 @@ class Extraction:
 
     def _notes(self) -> list[Note]:
         """Return what the user should know about columns, forces and coordinates that are left out."""
-        notes = list(self._kinematics.notes)
+        notes = [*self._kinematics.notes, *notes_on_muscles(self._model.forces.muscles)]
         if self._model.forces.switched_off:
             names = ", ".join(self._model.forces.switched_off)
             notes.append(("INFO", f"switched off in the model and left out: {names}"))

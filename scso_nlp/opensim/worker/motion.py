@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import opensim as osim
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.opensim.worker.exchange import Job, Table
 from scso_nlp.opensim.worker.model import Model
-from scso_nlp.validation import FloatArray, IntArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Coordinates without a column may rest at zero if they move no more than this share of the total mass [-].
 LIGHT_SEGMENT = 0.01
@@ -21,6 +22,12 @@ LIGHT_SEGMENT = 0.01
 SAME_TIME = 1e-6
 #: A rotation beyond two turns is reported: headers are known to name the wrong unit [rad].
 SUSPICIOUS_ROTATION = 4 * np.pi
+#: A column that is this many times what it should be, or the inverse, is in the other unit [rad/deg] ...
+RADIANS_PER_DEGREE = np.pi / 180.0
+#: ... by this relative tolerance [-] ...
+SAME_RATIO = 0.01
+#: ... where what is compared has the same course: least cosine of the angle between all values of both [-].
+SAME_COURSE = 0.99
 #: Degree of the splines that give speeds and accelerations.
 DEGREE = 5
 
@@ -63,15 +70,18 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
         if column >= 0:
             values[:, k] = _column(storage, column)
     if settings["in_degrees"]:
-        values[:, model.coordinates.scales_with_degrees] *= np.pi / 180.0
+        values[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
     rows = _selected_rows(time, settings, job.motion.time)
     notes += _notes_on_units(job, model, values[rows])
+    notes += _notes_on_couplers(job, model, values[rows], np.array(columns) >= 0)
     if settings["states"] is not None:
         speeds = _speeds_of_states(settings["states"], model, storage, values)
     else:
         speeds = _derivative(model.coordinates.names, time, values)
         if job.speeds is not None:
-            _take_given_speeds(speeds, job.speeds, settings["speeds"], model, time, rows)
+            given = _given_speeds(job.speeds, settings, model, time, rows)
+            notes += _notes_on_speeds(settings, model, given[rows], speeds[rows])
+            speeds = np.where(np.isnan(given), speeds, given)
     return Kinematics(
         time=time,
         values=values,
@@ -137,15 +147,103 @@ def _notes_on_units(job: Job, model: Model, values: FloatArray) -> list[Note]:
     if not large.any():
         return []
     names = ", ".join(name for name, far in zip(model.coordinates.names, large, strict=True) if far)
-    unit, other = ("degrees", "false") if job.settings["in_degrees"] else ("radians", "true")
+    in_degrees = job.settings["in_degrees"]
     source = job.settings["states"] or job.settings["coordinates"]
     return [
         (
             "WARNING",
-            f"{source}: more than two turns in {names} when read in {unit}: does the header say the right "
-            f"unit? in_degrees = {other} reads it the other way",
+            f"{source}: more than two turns in {names} when read in {_unit(in_degrees)}: does the header say "
+            f"the right unit? in_degrees = {_other(in_degrees)} reads it the other way",
         )
     ]
+
+
+def _notes_on_speeds(
+    settings: Mapping[str, Any], model: Model, given: FloatArray, derived: FloatArray
+) -> list[Note]:
+    """Compare a file's speeds with the derivatives of the coordinates, shape (n_rows, n_u).
+
+    Raises
+    ------
+    DataError
+        They are in another unit, and nobody said that they are to be read so.
+    """
+    compared = model.coordinates.scales_with_degrees & np.isfinite(given).all(axis=0)
+    times = _other_unit(given[:, compared], derived[:, compared])
+    if times is None:
+        return []
+    in_degrees = settings["speeds_in_degrees"]
+    text = (
+        f"{settings['speeds']}: read in {_unit(in_degrees)} per second, its speeds are {times} the "
+        f"derivative of the coordinates in {settings['coordinates']}, read in {_unit(settings['in_degrees'])}"
+    )
+    if "speeds_in_degrees" in settings["told_units"]:
+        return [("WARNING", f"{text}: taken so, as asked")]
+    raise DataError(
+        f"{text}, so one of the units is wrong: speeds_in_degrees = {_other(in_degrees)} reads the speeds "
+        f"the other way, in_degrees = {_other(settings['in_degrees'])} the coordinates; "
+        f"speeds_in_degrees = {_other(not in_degrees)} takes them as they are"
+    )
+
+
+def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: BoolArray) -> list[Note]:
+    """Compare columns of coupled coordinates with what their couplers ask for, values (n_rows, n_u).
+
+    Raises
+    ------
+    DataError
+        A translation shows that all angles are in another unit, and nobody said that they are to be read so.
+    """
+    coordinates, settings = model.coordinates, job.settings
+    source = settings["states"] or settings["coordinates"]
+    notes = []
+    for coupler in coordinates.couplers:
+        k = coupler.target
+        if not has_column[[k, *coupler.where]].all():
+            continue
+        asked = np.array([coupler.value(row) for row in values])
+        times = _other_unit(values[:, k], asked)
+        if times is None:
+            continue
+        partners = ", ".join(repr(coordinates.names[j]) for j in coupler.where)
+        name = coordinates.names[k]
+        text = f"{source}: the column of {name!r} is {times} what its coupler makes of {partners}"
+        if coordinates.is_rotational[k] or not coordinates.scales_with_degrees[coupler.where].all():
+            remedy = ", or set keep_coupled_speeds = false" if settings["keep_coupled_speeds"] else ""
+            notes.append(("WARNING", f"{text}: its unit is wrong; take the column out{remedy}"))
+            continue
+        text += f", read in {_unit(settings['in_degrees'])}"
+        if "in_degrees" not in settings["told_units"]:
+            raise DataError(
+                f"{text}, so the unit is wrong: in_degrees = {_other(settings['in_degrees'])} reads the "
+                f"angles the other way, in_degrees = {_other(not settings['in_degrees'])} takes them as they "
+                "are"
+            )
+        notes.append(("WARNING", f"{text}: taken so, as asked"))
+    return notes
+
+
+def _other_unit(found: FloatArray, expected: FloatArray) -> str | None:
+    """Tell how many times larger values are than expected, if that shows degrees for radians; else None."""
+    own, other = float((found**2).sum()), float((expected**2).sum())
+    product = float((found * expected).sum())
+    if not own * other > 0 or product < SAME_COURSE * math.sqrt(own * other):
+        return None
+    ratio = math.sqrt(own / other)
+    if abs(ratio * RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
+        return f"{ratio:.3g} times"
+    if abs(ratio / RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
+        return f"1/{1 / ratio:.3g} of"
+    return None
+
+
+def _unit(in_degrees: bool) -> str:
+    return "degrees" if in_degrees else "radians"
+
+
+def _other(flag: bool) -> str:
+    """Return the opposite as settings files have it."""
+    return "false" if flag else "true"
 
 
 def _moved_mass(coordinate: osim.Coordinate, model: Model) -> float:
@@ -171,10 +269,11 @@ def _speeds_of_states(source: str, model: Model, storage: osim.Storage, values: 
     return speeds
 
 
-def _take_given_speeds(
-    speeds: FloatArray, given: Table, source: str, model: Model, time: FloatArray, rows: IntArray
-) -> None:
-    """Replace speeds, in place, by those of a file at the same times."""
+def _given_speeds(
+    given: Table, settings: Mapping[str, Any], model: Model, time: FloatArray, rows: IntArray
+) -> FloatArray:
+    """Return the speeds of a file at the times of the motion, (n_rows, n_u) [rad/s or m/s], or NaN."""
+    source = settings["speeds"]
     nearest = np.abs(given.time[None, :] - time[:, None]).argmin(axis=1)
     apart = np.abs(given.time[nearest] - time)
     if (apart[rows] > SAME_TIME).any():
@@ -183,6 +282,7 @@ def _take_given_speeds(
             f"{source} has no row at t = {time[row]:.9g} s, expected the times of the coordinates"
         )
     storage = _storage(given.labels, given.time, given.values)
+    speeds = np.full((len(time), model.n_u), np.nan)
     for k, coordinate in enumerate(model.coordinates.items):
         name = coordinate.getName()
         column = _first_column(storage, coordinate.getAbsolutePathString() + "/speed", name + "_u", name)
@@ -190,6 +290,9 @@ def _take_given_speeds(
             speeds[:, k] = given.values[nearest, column]
         elif not model.coordinates.is_set_by_model[k]:
             raise NameMismatchError(f"{source} has no column for {name!r}")
+    if settings["speeds_in_degrees"]:
+        speeds[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
+    return speeds
 
 
 def _derivative(names: list[str], time: FloatArray, values: FloatArray) -> FloatArray:

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import opensim as osim
 
+from scso_nlp.exceptions import DataError
+from scso_nlp.opensim.worker.motion import Note
+from scso_nlp.validation import FloatArray
+
+#: At most this many muscles are named in one note.
+NAMED_MUSCLES = 8
 #: Scalar properties of a muscle that shape its curves, for whichever class has them.
 CURVE_PROPERTIES = (
     "FmaxTendonStrain",
@@ -61,6 +68,41 @@ def muscle_parameters(muscles: list[osim.Muscle]) -> dict[str, list[Any]]:
         "deactivation_time_constant": [_time_constant(muscle, "deactivation") for muscle in muscles],
         "curve_parameters": [_curve_parameters(muscle) for muscle in muscles],
     }
+
+
+def active_force_capacities(muscles: list[osim.Muscle], state: osim.State) -> FloatArray:
+    """Return the force of OpenSim's static optimization at full activation, shape (n_muscles,) [N].
+
+    Raises
+    ------
+    DataError
+        OpenSim's number is not finite.
+    """
+    capacities = np.array([muscle.calcInextensibleTendonActiveFiberForce(state, 1.0) for muscle in muscles])
+    for muscle, capacity in zip(muscles, capacities, strict=True):
+        if not np.isfinite(capacity):
+            raise DataError(
+                f"OpenSim's active force of {muscle.getName()!r} ({muscle.getConcreteClassName()}) is "
+                f"{capacity} at t = {state.getTime():.9g} s, expected a finite number: check its parameters "
+                f"in the model (max_contraction_velocity is {muscle.getMaxContractionVelocity():g} 1/s)"
+            )
+    return capacities
+
+
+def notes_on_muscles(muscles: list[osim.Muscle]) -> list[Note]:
+    """Name the muscles whose largest velocity is zero, which leaves a shortening fiber no active force."""
+    names = [muscle.getName() for muscle in muscles if muscle.getMaxContractionVelocity() == 0]
+    if not names:
+        return []
+    named = ", ".join(names[:NAMED_MUSCLES])
+    more = f" and {len(names) - NAMED_MUSCLES} more" if len(names) > NAMED_MUSCLES else ""
+    return [
+        (
+            "WARNING",
+            f"max_contraction_velocity is 0 in {len(names)} muscle(s), {named}{more}: OpenSim gives them no "
+            "active force while they shorten; set it in the model, or choose muscle_model = none",
+        )
+    ]
 
 
 def actuator_parameters(actuators: list[osim.ScalarActuator]) -> dict[str, list[Any]]:
