@@ -132,7 +132,7 @@ class Extraction:
                 "body_masses": bodies.masses.tolist(),
                 "gravity": [gravity.get(i) for i in range(3)],
                 "joints": model.joints.names,
-                "joint_children": model.joints.children,
+                "joint_children": model.joints.outboard,
                 "load_names": model.loads.names,
                 "load_bodies": model.loads.bodies.tolist(),
             },
