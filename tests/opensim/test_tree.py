@@ -156,3 +156,16 @@ def test_a_load_finds_its_body_by_name_and_by_path(tiny: Tiny, path: str) -> Non
     assert by_path.skeleton is not None
     np.testing.assert_array_equal(by_path.skeleton.load_bodies, usual.skeleton.load_bodies)
     np.testing.assert_array_equal(by_path.skeleton.load_points, usual.skeleton.load_points)
+
+
+def test_all_joints_are_asked_for_by_one_word(tiny: Tiny) -> None:
+    every = _load(tiny).skeleton
+    asked = tuple(("all", axis) for axis in "xyz")
+    by_word = load_motion(
+        tiny.setup, lowpass_cutoff_frequency=None, step_interval=10, stability_axes=(*asked, ("elbow", "z"))
+    ).trajectory.skeleton
+    assert every is not None
+    assert by_word is not None
+    assert sorted(by_word.virtual_rows) == sorted(every.virtual_rows)
+    rows = [by_word.virtual_rows.index(row) for row in every.virtual_rows]
+    np.testing.assert_array_equal(by_word.virtual_curvature[:, rows], every.virtual_curvature)

@@ -41,8 +41,8 @@ class VirtualRotations:
     """
 
     def __init__(self, model: Model, settings: Mapping[str, Any]) -> None:
-        wanted: list[tuple[str, str]] = settings["stability_axes"]
         joints = model.joints.names
+        wanted = _wanted(settings["stability_axes"], joints)
         for name, _ in wanted:
             if name not in joints:
                 raise NameMismatchError(
@@ -127,6 +127,13 @@ class VirtualRotations:
         generalized = self._path_forces.columns(self._state, row.crossing)[first : first + 6].T
         torques = generalized[:, :3] + np.cross(shift - center, generalized[:, 3:])
         return np.array([axis @ torque for torque in torques])
+
+
+def _wanted(axes: list[tuple[str, str]], joints: list[str]) -> list[tuple[str, str]]:
+    """Return joints and axes without "all", each once."""
+    each = (joints if name == "all" and name not in joints else [name] for name, _ in axes)
+    pairs = ((joint, axis) for names, (_, axis) in zip(each, axes, strict=True) for joint in names)
+    return list(dict.fromkeys(pairs))
 
 
 def _row(model: Model, joint: int, axis: int) -> _Row:
