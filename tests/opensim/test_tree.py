@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 import tiny_model
+from scipy.optimize import brentq
 from tiny_model import Tiny, write_motion
 
 from scso_nlp.opensim.engine import load_motion
@@ -169,3 +170,66 @@ def test_all_joints_are_asked_for_by_one_word(tiny: Tiny) -> None:
     assert sorted(by_word.virtual_rows) == sorted(every.virtual_rows)
     rows = [by_word.virtual_rows.index(row) for row in every.virtual_rows]
     np.testing.assert_array_equal(by_word.virtual_curvature[:, rows], every.virtual_curvature)
+
+
+def _with_a_rocker(tiny: Tiny) -> None:
+    """Close a loop by joints: a rocker hangs on ground and on the end of the lower body."""
+
+    def reach(shoulder: float, elbow: float) -> np.ndarray:
+        both = shoulder + elbow
+        end = tiny_model.UPPER_LENGTH * np.array([np.sin(shoulder), -np.cos(shoulder)])
+        return end + 0.2 * np.array([np.sin(both), -np.cos(both)]) + [-0.3, -0.1]
+
+    length = float(np.linalg.norm(reach(0.3, 0.7)))
+    angle = float(np.arctan2(*reach(0.3, 0.7)[::-1]))
+    pin = """<PinJoint name="{0}"><socket_parent_frame>from</socket_parent_frame>
+      <socket_child_frame>to</socket_child_frame><coordinates><Coordinate name="{0}_angle">
+      <default_value>{1}</default_value></Coordinate></coordinates><frames>
+      <PhysicalOffsetFrame name="from"><socket_parent>{2}</socket_parent><translation>{3}</translation>
+      </PhysicalOffsetFrame><PhysicalOffsetFrame name="to"><socket_parent>{4}</socket_parent>
+      <translation>{5}</translation></PhysicalOffsetFrame></frames></PinJoint>"""
+    joints = pin.format("rocking", angle, "/ground", "0.3 1.1 0", "/bodyset/rocker", "0 0 0")
+    end = f"{length} 0 0"
+    joints += pin.format("closing", 1.0 - angle, "/bodyset/rocker", end, "/bodyset/lower", "0 -0.2 0")
+    body = """<Body name="rocker"><mass>0.5</mass><mass_center>0.1 0 0</mass_center>
+      <inertia>0.01 0.002 0.01 0 0 0</inertia></Body>"""
+    text = tiny.model.read_text()
+    text = text.replace('<Body name="slider">', body + '<Body name="slider">')
+    tiny.model.write_text(text.replace("<SliderJoint", joints + "<SliderJoint"))
+    for name, step in (("before", -1e-3), ("middle", 0.0), ("after", 1e-3)):
+        elbow = 0.7 + step
+        shoulder = brentq(lambda s, e=elbow: np.linalg.norm(reach(s, e)) - length, 0.2, 0.4, xtol=1e-14)
+        rocking = np.arctan2(*reach(shoulder, elbow)[::-1])
+        columns = {
+            "shoulder_flexion": shoulder,
+            "elbow_flexion": elbow,
+            "slide": tiny_model.SLIDE_PER_RADIAN * elbow,
+            "rocking_angle": rocking,
+            "closing_angle": shoulder + elbow - rocking,
+        }
+        still = {coordinate: np.array(value) for coordinate, value in columns.items()}
+        write_motion(tiny.folder / f"{name}.mot", np.linspace(0, 0.1, 11), still)
+
+
+def test_a_loop_of_joints_is_cut_as_opensim_cuts_it_and_weighs_every_body_once(tiny: Tiny) -> None:
+    _with_a_rocker(tiny)
+    before, middle, after = (
+        load_motion(
+            model=tiny.model,
+            coordinates=tiny.folder / f"{name}.mot",
+            final_time=0.0,
+            curvature_coordinates="all",
+        ).trajectory
+        for name in ("before", "middle", "after")
+    )
+    skeleton, curvature = middle.skeleton, middle.curvature
+    assert skeleton is not None
+    assert curvature is not None
+    assert skeleton.bodies == ("ground", "upper", "lower", "rocker", "slider")
+    assert skeleton.body_parents.tolist() == [-1, 0, 1, 0, 1]
+    assert len(middle.coordinates) == 1
+    (slope,) = (after.generalized_forces - before.generalized_forces)[0]
+    slope /= (after.coordinate_values - before.coordinate_values)[0, 0]
+    # a secant over 2e-3 rad
+    stiffness = curvature.load_stiffness[0, 0, 0] + curvature.passive_stiffness[0, 0, 0]
+    assert stiffness == pytest.approx(slope, rel=1e-4)

@@ -38,7 +38,11 @@ class Bodies:
     """
 
     def __init__(self, model: osim.Model) -> None:
-        self._bodies = list(model.getBodyList())
+        joints = list(model.getJointList())
+        frames = (frame for joint in joints for frame in (joint.getParentFrame(), joint.getChildFrame()))
+        jointed = {int(frame.getMobilizedBodyIndex()) for frame in frames}
+        # where OpenSim cuts a loop it adds a body of its own, which no joint names
+        self._bodies = [body for body in model.getBodyList() if int(body.getMobilizedBodyIndex()) in jointed]
         mobilized = [int(body.getMobilizedBodyIndex()) for body in self._bodies]
         self._mobilized = np.array(mobilized, dtype=np.int64)
         self._index = {int(model.getGround().getMobilizedBodyIndex()): 0}
@@ -47,7 +51,6 @@ class Bodies:
         self.masses = np.array([0.0, *(float(body.getMass()) for body in self._bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self._bodies]
         self.mass_centers = np.array([np.zeros(3), *centers])
-        joints = list(model.getJointList())
         sides = [(self.of(joint.getParentFrame()), self.of(joint.getChildFrame())) for joint in joints]
         self.parents, is_reversed = _tree(sides, len(self.names))
         self._reversed = {
