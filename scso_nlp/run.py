@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import logging
 import os
-import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -122,11 +121,7 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
         return load(curvature_coordinates=chosen)
     if not isinstance(stability, JointStability) or stability.moving_paths == "frozen":
         return load()
-    joints = stability.joints
-    if joints is None:
-        # the names of the joints, from the first and last frame
-        skeleton = load(step_interval=sys.maxsize).trajectory.skeleton
-        joints = skeleton.joints if skeleton is not None else ()
+    joints = ("all",) if stability.joints is None else stability.joints
     return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 

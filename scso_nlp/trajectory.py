@@ -34,7 +34,7 @@ class Skeleton:
     bodies : tuple of str
         Names; the first is ``"ground"``.
     body_parents : ndarray of int, shape (n_bodies,)
-        Index of the body that each body hangs on; -1 for ground.
+        Index of the body that each body hangs on in the multibody tree; -1 for ground.
     body_masses : ndarray, shape (n_bodies,) [kg]
     body_mass_centers : ndarray, shape (n_frames, n_bodies, 3) [m]
     gravity : ndarray, shape (3,) [m/s²]
@@ -43,11 +43,11 @@ class Skeleton:
     joint_children : ndarray of int, shape (n_joints,)
         The body on the distal side of each joint.
     joint_centers : ndarray, shape (n_frames, n_joints, 3) [m]
-        Origin of the joint's child frame.
+        Origin of the joint's frame on the distal side.
     joint_axes : ndarray, shape (n_frames, n_joints, 3, 3) [-]
         ``joint_axes[k, j, u]`` is the unit axis called x, y or z (u = 0, 1, 2). For a joint with a
         spatial transform these are its three successive rotation axes, each called by the letter it
-        lies nearest to; otherwise the axes of the parent frame.
+        lies nearest to; otherwise the axes of its frame on the base side.
     load_names : tuple of str
         External loads.
     load_bodies : ndarray of int, shape (n_loads,)

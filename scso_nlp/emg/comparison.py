@@ -306,9 +306,8 @@ def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> Floa
     if low < -NEGATIVE_ACTIVATION:
         raise DataError(f"{result.label!r} has an activation of {low:g}, expected 0 or more")
     solved = np.maximum(solved, 0.0)
-    return np.column_stack(
-        [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
-    )
+    means = [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
+    return np.array(means).reshape(len(groups), len(solved)).T
 
 
 def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float) -> FloatArray:

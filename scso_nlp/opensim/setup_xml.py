@@ -78,7 +78,7 @@ class MotionInput:
         OpenSim's static optimization does (logged). False: they follow from the free coordinates.
     stability_axes : tuple of (str, str)
         Joint and axis letter, e.g. ``("knee_r", "z")``, for which virtual rotations are computed from
-        OpenSim's own paths (needed where a path wraps or moves).
+        OpenSim's own paths (needed where a path wraps or moves); "all" is every joint that can move.
     curvature_coordinates : tuple of str or "all"
         Free coordinates along which second derivatives of path lengths, loads and passive forces are
         computed; "all" is every free coordinate that some muscle depends on.

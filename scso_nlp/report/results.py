@@ -438,7 +438,9 @@ FIGURES: dict[str, Callable[[Any, Solution, Solution | None], Any]] = {
         draw.plot_stability(solution, baseline=baseline) if _has_rows(solution) else None
     ),
     "contributions": lambda draw, solution, _: (
-        draw.plot_contributions(row_contributions(solution)) if _has_rows(solution) else None
+        draw.plot_contributions(row_contributions(solution))
+        if _has_rows(solution) and solution.problem.motion.trajectory.muscles
+        else None
     ),
 }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,41 +30,55 @@ class MovingBodies:
 
 
 class Bodies:
-    """Ground and the bodies, by index; ground is 0.
+    """Ground and all bodies of the multibody tree, whatever set they stand in, by index; ground is 0.
 
     Public are `names`, `masses` [kg], `mass_centers` in the bodies, shape (n_bodies, 3) [m], and `parents`,
-    the body that each hangs on, -1 for ground.
+    the body that each hangs on in the tree rooted at ground, -1 for ground. A joint's own parent and child
+    do not tell that: it may be written from its distal body to ground.
     """
 
     def __init__(self, model: osim.Model) -> None:
-        bodies = model.getBodySet()
-        self._bodies = [bodies.get(i) for i in range(bodies.getSize())]
+        joints = list(model.getJointList())
+        frames = (frame for joint in joints for frame in (joint.getParentFrame(), joint.getChildFrame()))
+        jointed = {int(frame.getMobilizedBodyIndex()) for frame in frames}
+        # where OpenSim cuts a loop it adds a body of its own, which no joint names
+        self._bodies = [body for body in model.getBodyList() if int(body.getMobilizedBodyIndex()) in jointed]
         mobilized = [int(body.getMobilizedBodyIndex()) for body in self._bodies]
         self._mobilized = np.array(mobilized, dtype=np.int64)
         self._index = {int(model.getGround().getMobilizedBodyIndex()): 0}
         self._index |= {index: b for b, index in enumerate(mobilized, start=1)}
-        self.names = ["ground", *(body.getName() for body in self._bodies)]
+        self.names = ["ground", *unique_labels(self._bodies)]
         self.masses = np.array([0.0, *(float(body.getMass()) for body in self._bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self._bodies]
         self.mass_centers = np.array([np.zeros(3), *centers])
-        self.parents = np.full(len(self.names), -1, dtype=np.int64)
-        joints = model.getJointSet()
-        for i in range(joints.getSize()):
-            joint = joints.get(i)
-            self.parents[self.of(joint.getChildFrame())] = self.of(joint.getParentFrame())
+        sides = [(self.of(joint.getParentFrame()), self.of(joint.getChildFrame())) for joint in joints]
+        self.parents, is_reversed = _tree(sides, len(self.names))
+        self._reversed = {
+            joint.getAbsolutePathString() for joint, turned in zip(joints, is_reversed, strict=True) if turned
+        }
         self._matter = model.getMatterSubsystem()
 
     def of(self, frame: osim.PhysicalFrame) -> int:
         """Return the index of the body that a physical frame is fixed to."""
         return self._index[int(frame.getMobilizedBodyIndex())]
 
+    def inboard_frame(self, joint: osim.Joint) -> osim.PhysicalFrame:
+        """Return a joint's frame on the side of ground."""
+        is_reversed = joint.getAbsolutePathString() in self._reversed
+        return joint.getChildFrame() if is_reversed else joint.getParentFrame()
+
+    def outboard_frame(self, joint: osim.Joint) -> osim.PhysicalFrame:
+        """Return a joint's frame on the distal side."""
+        is_reversed = joint.getAbsolutePathString() in self._reversed
+        return joint.getParentFrame() if is_reversed else joint.getChildFrame()
+
     def moved_by(self, coordinate: osim.Coordinate) -> set[int]:
         """Return the bodies on the distal side of a coordinate's joint."""
-        return self.distal(self.of(coordinate.getJoint().getChildFrame()))
+        return self.distal(self.of(self.outboard_frame(coordinate.getJoint())))
 
-    def distal(self, child: int) -> set[int]:
+    def distal(self, outboard: int) -> set[int]:
         """Return the bodies that hang on a body, itself included."""
-        distal = {child}
+        distal = {outboard}
         for _ in self.names:
             distal |= {b for b, parent in enumerate(self.parents) if parent in distal}
         return distal
@@ -109,6 +124,16 @@ class Bodies:
             rotations[b], origins[b] = _pose(points)
 
 
+def unique_labels(components: Sequence[osim.Component]) -> list[str]:
+    """Return names, or paths where components outside a model's sets share their name with others."""
+    names = [component.getName() for component in components]
+    count = Counter(names)
+    return [
+        name if count[name] == 1 else component.getAbsolutePathString().removeprefix("/")
+        for name, component in zip(names, components, strict=True)
+    ]
+
+
 def frame_offsets(
     frames: list[osim.PhysicalFrame], state: osim.State, bodies: Bodies
 ) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -137,6 +162,28 @@ def cross_matrices(vectors: FloatArray) -> FloatArray:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         matrices[..., i, j], matrices[..., j, i] = -vectors[..., k], vectors[..., k]
     return matrices
+
+
+def _tree(sides: list[tuple[int, int]], n_bodies: int) -> tuple[IntArray, list[bool]]:
+    """Walk from ground over joints, given the bodies of their parent and child frames, level by level.
+
+    Return the body that each body hangs on, shape (n_bodies,), -1 for ground, and which joints are written
+    towards ground. Joints that close loops are passed over.
+    """
+    parents = np.full(n_bodies, -1, dtype=np.int64)
+    is_reversed = [False] * len(sides)
+    reached = {0}
+    level = {0}
+    while level:
+        found: set[int] = set()
+        for j, (parent, child) in enumerate(sides):
+            for inboard, outboard in ((parent, child), (child, parent)):
+                if inboard in level and outboard not in reached | found:
+                    parents[outboard], is_reversed[j] = inboard, outboard == parent
+                    found.add(outboard)
+        reached |= found
+        level = found
+    return parents, is_reversed
 
 
 def _pose(points: list[FloatArray]) -> tuple[FloatArray, FloatArray]:

@@ -82,7 +82,7 @@ class CoordinateDerivatives:
         self._has_followers = [len(moved) > 1 for moved in own]
         self._smooth = [is_smooth(model, k, moved) for k, moved in zip(self._indices, own, strict=True)]
         self._moved = sorted(moved_bodies(model, set().union(*own)))
-        self._moves = np.array([path.moves for path in model.paths])
+        self._moves = np.array([path.moves for path in model.paths], dtype=bool)
         self._fixed = fixed_paths(model.paths)
         weights = np.array(model.opensim.getGravity().to_numpy())
         self._weights = model.bodies.masses[:, None] * weights
@@ -259,6 +259,11 @@ def _chosen_columns(
     free = [model.coordinates.names[k] for k in elimination.free]
     if list(chosen) == ["all"]:
         columns: list[int] = np.flatnonzero(depends.any(axis=0)).tolist()
+        if not columns:
+            raise DataError(
+                "curvature_coordinates asks for all that muscles act on, but no muscle acts on any: "
+                f"name coordinates (free: {', '.join(free)}) or leave it out"
+            )
         return columns
     for name in chosen:
         if name in free:

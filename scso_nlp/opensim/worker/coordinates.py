@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import opensim as osim
@@ -84,9 +83,8 @@ def state_variables(model: osim.Model) -> list[str]:
 
 def _read_couplers(model: osim.Model, state: osim.State, names: list[str]) -> list[Coupler]:
     couplers = []
-    constraints: Any = model.getConstraintSet()
-    for i in range(constraints.getSize()):
-        coupler = osim.CoordinateCouplerConstraint.safeDownCast(constraints.get(i))
+    for component in model.getComponentsList():
+        coupler = osim.CoordinateCouplerConstraint.safeDownCast(component)
         if coupler is None or not coupler.isEnforced(state):
             continue
         independent = coupler.getIndependentCoordinateNames()

@@ -135,7 +135,7 @@ class Extraction:
                 "body_masses": bodies.masses.tolist(),
                 "gravity": [gravity.get(i) for i in range(3)],
                 "joints": model.joints.names,
-                "joint_children": model.joints.children,
+                "joint_children": model.joints.outboard,
                 "load_names": model.loads.names,
                 "load_bodies": model.loads.bodies.tolist(),
             },
@@ -156,6 +156,15 @@ class Extraction:
         if self._model.forces.switched_off:
             names = ", ".join(self._model.forces.switched_off)
             notes.append(("INFO", f"switched off in the model and left out: {names}"))
+        if self._model.forces.outside:
+            names = ", ".join(self._model.forces.outside)
+            notes.append(
+                (
+                    "WARNING",
+                    "muscles and actuators outside the model's ForceSet act in their default state and are "
+                    f"not optimized, as in OpenSim (move them into the ForceSet to use them): {names}",
+                )
+            )
         coordinates, gone = self._model.coordinates, self._poses.elimination.gone
         if gone.size:
             names = ", ".join(coordinates.names[k] for k in gone)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain, count
 
 import opensim as osim
 
@@ -22,26 +23,38 @@ class Forces:
     recorded: list[tuple[osim.Force, int]] = field(default_factory=list)  # the number of values each records
     record_labels: list[str] = field(default_factory=list)
     switched_off: list[str] = field(default_factory=list)  # muscles and actuators that do not apply
+    outside: list[str] = field(default_factory=list)  # and those that do, but stand outside the ForceSet
 
 
 def read_forces(model: osim.Model, state: osim.State) -> Forces:
     """Sort a model's forces.
 
+    Muscles and actuators outside the ForceSet are passive elements, as in OpenSim's static optimization: it
+    does not ask how much of them is needed, they act as their state and their control of zero tell.
+
     Raises
     ------
     DataError
-        No muscle, or an actuator that is not a scalar one.
+        Neither muscle nor actuator, or an actuator that is not a scalar one.
     """
     forces = Forces()
     not_scalar = []
+    force_set = model.getForceSet()
+    own = [force_set.get(i) for i in range(force_set.getSize())]
+    in_force_set = {force.getAbsolutePathString() for force in own}
+    unknowns = [force.getName() for force in own if osim.Actuator.safeDownCast(force) is not None]
     for force in _every_force(model):
         applies = bool(force.appliesForce(state))
         if osim.Actuator.safeDownCast(force) is None:
             if applies:
-                _sort_other(force, forces)
+                _sort_other(force, forces, unknowns)
             continue
         if not applies:
             forces.switched_off.append(force.getName())
+            continue
+        if force.getAbsolutePathString() not in in_force_set:
+            forces.outside.append(force.getAbsolutePathString())
+            _sort_other(force, forces, unknowns)
             continue
         forces.columns.append(force.getName())
         muscle, scalar = osim.Muscle.safeDownCast(force), osim.ScalarActuator.safeDownCast(force)
@@ -56,25 +69,21 @@ def read_forces(model: osim.Model, state: osim.State) -> Forces:
             f"the actuator {not_scalar[0]} is not a scalar actuator, which OpenSim's static optimization "
             "refuses too"
         )
-    if not forces.muscles:
-        raise DataError("the model has no muscle that applies force, expected at least one")
+    if not forces.muscles and not forces.actuators:
+        raise DataError("the model has no muscle or actuator that applies force, expected at least one")
     return forces
 
 
-def take_off_actuators(model: osim.Model, state: osim.State) -> None:
-    """Let no muscle and no actuator act in a state; scalar ones can be given a force by override."""
-    for force in _every_force(model):
-        if osim.Actuator.safeDownCast(force) is None:
-            continue
-        scalar = osim.ScalarActuator.safeDownCast(force)
-        if scalar is None or osim.Muscle.safeDownCast(force) is not None:
-            force.setAppliesForce(state, False)
-        else:
-            scalar.overrideActuation(state, True)
-            scalar.setOverrideActuation(state, 0.0)
+def take_off_actuators(forces: Forces, state: osim.State) -> None:
+    """Let no muscle and no actuator act in a state; actuators can be given a force by override."""
+    for muscle in forces.muscles:
+        muscle.setAppliesForce(state, False)
+    for actuator in forces.actuators:
+        actuator.overrideActuation(state, True)
+        actuator.setOverrideActuation(state, 0.0)
 
 
-def _sort_other(force: osim.Force, forces: Forces) -> None:
+def _sort_other(force: osim.Force, forces: Forces, unknowns: list[str]) -> None:
     load = osim.ExternalForce.safeDownCast(force)
     if load is None:
         forces.passives.append(force)
@@ -82,11 +91,24 @@ def _sort_other(force: osim.Force, forces: Forces) -> None:
         forces.loads.append(load)
     record = force.getRecordLabels()
     labels = [record.get(i) for i in range(record.getSize())]
-    # OpenSim repeats labels, e.g. PotentialEnergy of limit forces: later ones get their owner's name
-    labels = [f"{force.getName()}.{label}" if label in forces.record_labels else label for label in labels]
+    labels = _distinct(labels, force.getName(), [*unknowns, *forces.record_labels])
     forces.recorded.append((force, len(labels)))
     forces.record_labels.extend(labels)
     forces.columns.extend(labels)
+
+
+def _distinct(labels: list[str], owner: str, taken: list[str]) -> list[str]:
+    """Return one force's labels so that none stands twice or is taken by another force.
+
+    OpenSim repeats them within a force (contact with several shapes on one body): later ones get a number;
+    and between forces (PotentialEnergy of limit forces): later ones get their owner's name.
+    """
+    distinct: list[str] = []
+    for label in labels:
+        full = f"{owner}.{label}" if label in taken else label
+        choices = chain((full,), (f"{full}_{number}" for number in count(2)))
+        distinct.append(next(choice for choice in choices if choice not in (*taken, *distinct)))
+    return distinct
 
 
 def _every_force(model: osim.Model) -> Iterator[osim.Force]:

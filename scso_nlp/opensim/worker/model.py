@@ -33,7 +33,7 @@ class Model:
         self.is_constrained = len(self.state.getUErr().to_numpy()) > 0
         self.coordinates = read_coordinates(self.opensim, self.state)
         self.forces = read_forces(self.opensim, self.state)
-        take_off_actuators(self.opensim, self.state)
+        take_off_actuators(self.forces, self.state)
         self.opensim.realizeVelocity(self.state)
         self.bodies = Bodies(self.opensim)
         self.joints = Joints(self.opensim, self.state, self.bodies)

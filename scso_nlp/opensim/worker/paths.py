@@ -73,7 +73,7 @@ def path_arrays(
     Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
     """
     every = [path.fixed or _current_points(path, state, bodies) for path in paths]
-    n_muscles, n_points = len(every), max(len(points.bodies) for points in every)
+    n_muscles, n_points = len(every), max((len(points.bodies) for points in every), default=0)
     locations = np.zeros((n_muscles, n_points, 3))
     owners = np.full((n_muscles, n_points), -1, dtype=np.int64)
     moves = np.zeros((n_muscles, n_points), dtype=bool)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import opensim as osim
 
-from scso_nlp.opensim.worker.bodies import Bodies, frame_offsets, rotation
+from scso_nlp.exceptions import NameMismatchError
+from scso_nlp.opensim.worker.bodies import Bodies, frame_offsets, rotation, unique_labels
 from scso_nlp.validation import FloatArray
 
 #: Which of a joint's successive axes may be called x, y and z.
@@ -23,35 +24,46 @@ class JointFrames:
 
 
 class Joints:
-    """The joints that can move: names, and the bodies on either side."""
+    """The joints that can move, whatever set they stand in.
+
+    Public are `names`, `paths` in the model, and the bodies on either side in the multibody tree: `inboard`
+    on the side of ground, `outboard` on the other.
+    """
 
     def __init__(self, model: osim.Model, state: osim.State, bodies: Bodies) -> None:
-        every = model.getJointSet()
-        joints = [every.get(i) for i in range(every.getSize()) if every.get(i).numCoordinates() > 0]
-        self.names = [joint.getName() for joint in joints]
-        self.parents = [bodies.of(joint.getParentFrame()) for joint in joints]
-        self.children = [bodies.of(joint.getChildFrame()) for joint in joints]
+        joints = [joint for joint in model.getJointList() if joint.numCoordinates() > 0]
+        self.names = unique_labels(joints)
+        self.paths = [joint.getAbsolutePathString() for joint in joints]
+        inner = [bodies.inboard_frame(joint) for joint in joints]
+        outer = [bodies.outboard_frame(joint) for joint in joints]
+        self.inboard = [bodies.of(frame) for frame in inner]
+        self.outboard = [bodies.of(frame) for frame in outer]
         customs = [osim.CustomJoint.safeDownCast(joint) for joint in joints]
         self._turns = [None if custom is None else _rotational_axes(custom) for custom in customs]
-        # successive axes in the parent frame, and which of them is called x, y, z
+        # successive axes in the joint's own parent frame, else those of the frame on the side of ground;
+        # and which of them is called x, y, z
         axes = [np.eye(3) if turns is None else _directions(turns) for turns in self._turns]
         self._successive = np.array(axes).reshape(-1, 3, 3)
         named = [_named_axes(own) for own in axes]
         self._orders = np.array([order for order, _ in named], dtype=np.int64).reshape(-1, 3)
         self._signs = np.array([signs for _, signs in named]).reshape(-1, 3)
-        self._parent_frames = frame_offsets([joint.getParentFrame() for joint in joints], state, bodies)
-        self._child_frames = frame_offsets([joint.getChildFrame() for joint in joints], state, bodies)
+        first = [
+            frame if turns is None else joint.getParentFrame()
+            for joint, frame, turns in zip(joints, inner, self._turns, strict=True)
+        ]
+        self._axis_frames = frame_offsets(first, state, bodies)
+        self._outer_frames = frame_offsets(outer, state, bodies)
 
     def at(self, state: osim.State, rotations: FloatArray, origins: FloatArray) -> JointFrames:
         """Return centers and axes in a pose, given the poses of the bodies."""
-        children, _, centers = self._child_frames
+        owners, _, centers = self._outer_frames
         return JointFrames(
-            centers=np.einsum("jab,jb->ja", rotations[children], centers) + origins[children],
+            centers=np.einsum("jab,jb->ja", rotations[owners], centers) + origins[owners],
             axes=self._axes(state, rotations),
         )
 
     def _axes(self, state: osim.State, rotations: FloatArray) -> FloatArray:
-        parents, offsets, _ = self._parent_frames
+        owners, offsets, _ = self._axis_frames
         angles = np.zeros((len(self.names), 2))
         for j, turns in enumerate(self._turns):
             if turns is not None:
@@ -68,7 +80,7 @@ class Joints:
             axis=1,
         )
         named = np.take_along_axis(turned, self._orders[:, :, None], axis=1) * self._signs[:, :, None]
-        return np.einsum("jab,jub->jua", rotations[parents] @ offsets, named)
+        return np.einsum("jab,jub->jua", rotations[owners] @ offsets, named)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +108,7 @@ class Loads:
             else None
             for load in loads
         ]
-        applied = [bodies.of(osim.PhysicalFrame.safeDownCast(frame)) for frame in self._applied]
-        self.bodies = np.array(applied, dtype=np.int64)
+        self.bodies = np.array([bodies.of(frame) for frame in self._applied], dtype=np.int64)
 
     def at(self, state: osim.State) -> LoadVectors:
         """Return forces, points and torques in a pose."""
@@ -139,7 +150,15 @@ def _named_axes(axes: FloatArray) -> tuple[tuple[int, ...], FloatArray]:
     return order, np.array([-1.0 if axes[order[u], u] < 0 else 1.0 for u in range(3)])
 
 
-def _physical_frame(model: osim.Model, name: str) -> osim.Component:
-    if name in ("ground", "/ground"):
-        return model.getGround()
-    return model.getComponent(name if name.startswith("/") else f"/bodyset/{name}")
+def _physical_frame(model: osim.Model, name: str) -> osim.PhysicalFrame:
+    """Return the frame that a load names, by its path in the model or in the BodySet, as OpenSim finds it."""
+    for path in (name, f"./bodyset/{name}"):
+        frame = (
+            osim.PhysicalFrame.safeDownCast(model.getComponent(path)) if model.hasComponent(path) else None
+        )
+        if frame is not None:
+            return frame
+    raise NameMismatchError(
+        f"an external load names the body {name!r}, which the model does not have, expected ground, the name "
+        "of a body in the BodySet or the path of a frame"
+    )

@@ -36,13 +36,13 @@ class VirtualRotations:
     """Turns everything distal of a joint rigidly about one of its axes and asks OpenSim for the path forces.
 
     In a second copy of the model a massless body with six free coordinates stands between each joint asked
-    for and its parent body. At zero the model is as before; a finite rotation about any axis through any
+    for and the body it hangs on. At zero the model is as before; a finite rotation about any axis through any
     point is a rotation and a translation of that body.
     """
 
     def __init__(self, model: Model, settings: Mapping[str, Any]) -> None:
-        wanted: list[tuple[str, str]] = settings["stability_axes"]
         joints = model.joints.names
+        wanted = _wanted(settings["stability_axes"], joints)
         for name, _ in wanted:
             if name not in joints:
                 raise NameMismatchError(
@@ -55,7 +55,7 @@ class VirtualRotations:
         self._model, self._tool = load_model(settings, external_loads=None)
         self._model.finalizeConnections()
         for j in chosen:
-            _insert_free_body(self._model, joints[j])
+            _insert_free_body(self._model, model, j)
         self._state = self._model.initSystem()
         self._model.setAllControllersEnabled(False)
         self._model.realizePosition(self._state)
@@ -67,11 +67,13 @@ class VirtualRotations:
         #: per joint: the six coordinates of the body before it, and the first one's mobility
         self._free: dict[int, tuple[list[osim.Coordinate], int]] = {}
         for j in chosen:
-            joint = self._model.getJointSet().get(f"scso_virtual_joint_{joints[j]}")
+            joint = self._model.getJointSet().get(f"scso_virtual_joint_{j}")
             free = [joint.get_coordinates(i) for i in range(6)]
             self._free[j] = free, mobilities.index(free[0].getAbsolutePathString())
-        muscles = [muscle.getName() for muscle in model.forces.muscles]
-        paths = [self._model.getMuscles().get(name).getPath() for name in muscles]
+        paths = [
+            osim.Muscle.safeDownCast(self._model.getComponent(muscle.getAbsolutePathString())).getPath()
+            for muscle in model.forces.muscles
+        ]
         # moving points push their coordinate, never the free body
         self._path_forces = PathForces(self._model, self._state, paths, [False] * len(paths))
 
@@ -84,10 +86,10 @@ class VirtualRotations:
             arms[i, row.beside] = curvature[i, row.beside] = 0.0
             if not row.crossing:
                 continue
-            parent = self._original.joints.parents[row.joint]
-            to_parent = pose.rotations[parent].T
-            center = to_parent @ (joints.centers[row.joint] - pose.origins[parent])
-            axis = to_parent @ joints.axes[row.joint, row.axis]
+            inboard = self._original.joints.inboard[row.joint]
+            to_inboard = pose.rotations[inboard].T
+            center = to_inboard @ (joints.centers[row.joint] - pose.origins[inboard])
+            axis = to_inboard @ joints.axes[row.joint, row.axis]
             before, arms[i, row.crossing], after = (
                 self._arms(row, center, axis, angle) for angle in (-VIRTUAL_STEP, 0.0, VIRTUAL_STEP)
             )
@@ -110,7 +112,7 @@ class VirtualRotations:
             coordinate.setValue(self._state, value, False)
 
     def _arms(self, row: _Row, center: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-        """Return moment arms, shape (n_crossing,), about an axis through a center of the parent body."""
+        """Return moment arms, shape (n_crossing,), about an axis through a center, in the inboard body."""
         turned = rotation(axis[None], np.array([angle]))[0]
         shift = center - turned @ center
         # body-fixed x, y, z angles, the coordinates of a free joint
@@ -127,12 +129,19 @@ class VirtualRotations:
         return np.array([axis @ torque for torque in torques])
 
 
+def _wanted(axes: list[tuple[str, str]], joints: list[str]) -> list[tuple[str, str]]:
+    """Return joints and axes without "all", each once."""
+    each = (joints if name == "all" and name not in joints else [name] for name, _ in axes)
+    pairs = ((joint, axis) for names, (_, axis) in zip(each, axes, strict=True) for joint in names)
+    return list(dict.fromkeys(pairs))
+
+
 def _row(model: Model, joint: int, axis: int) -> _Row:
     """Sort the muscles whose path may change by whether they have points on both sides of a joint.
 
     Fitted paths (FunctionBasedPath) have no points: for them nothing is known about a virtual rotation.
     """
-    distal = model.bodies.distal(model.joints.children[joint])
+    distal = model.bodies.distal(model.joints.outboard[joint])
     crossing: list[int] = []
     beside: list[int] = []
     for m, path in enumerate(model.paths):
@@ -143,15 +152,19 @@ def _row(model: Model, joint: int, axis: int) -> _Row:
     return _Row(joint=joint, axis=axis, crossing=crossing, beside=beside)
 
 
-def _insert_free_body(model: osim.Model, name: str) -> None:
-    """Put a massless body with six coordinates between a joint and its parent body."""
-    joint = model.updJointSet().get(name)
-    frame = joint.getParentFrame()
+def _insert_free_body(copy: osim.Model, model: Model, j: int) -> None:
+    """Put a massless body with six coordinates between joint j and its inboard body, in a model's copy."""
+    joint = osim.Joint.safeDownCast(copy.getComponent(model.joints.paths[j]))
+    frame = model.bodies.inboard_frame(joint)
+    is_parent = frame.getAbsolutePathString() == joint.getParentFrame().getAbsolutePathString()
     base = osim.PhysicalFrame.safeDownCast(frame.findBaseFrame())
     offset = frame.findTransformInBaseFrame()
-    body = osim.Body(f"scso_virtual_body_{name}", 0.0, osim.Vec3(0), osim.Inertia(0, 0, 0, 0, 0, 0))
-    model.addBody(body)
-    model.addJoint(osim.FreeJoint(f"scso_virtual_joint_{name}", base, body))
-    inner = osim.PhysicalOffsetFrame(f"scso_virtual_frame_{name}", body, offset)
-    model.addComponent(inner)
-    joint.connectSocket_parent_frame(inner)
+    body = osim.Body(f"scso_virtual_body_{j}", 0.0, osim.Vec3(0), osim.Inertia(0, 0, 0, 0, 0, 0))
+    copy.addBody(body)
+    copy.addJoint(osim.FreeJoint(f"scso_virtual_joint_{j}", base, body))
+    inner = osim.PhysicalOffsetFrame(f"scso_virtual_frame_{j}", body, offset)
+    copy.addComponent(inner)
+    if is_parent:
+        joint.connectSocket_parent_frame(inner)
+    else:
+        joint.connectSocket_child_frame(inner)
