@@ -15,7 +15,7 @@ from scso_nlp.exceptions import ScsoError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
-from scso_nlp.verdict import Extreme, Verdict
+from scso_nlp.verdict import USABLE, Extreme, Verdict
 
 #: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
 ACTIVE_MARGIN = 1e-3
@@ -49,7 +49,7 @@ class Status(enum.Enum):
     @property
     def is_solved(self) -> bool:
         """True if the frame may be used."""
-        return self in (Status.SOLVED, Status.STABILITY_MISSED, Status.ACCEPTABLE)
+        return self.name in USABLE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,12 @@ muscles or solvers.
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +21,14 @@ from scso_nlp.exceptions import DataError, NameMismatchError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+
+def _frozen(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+# Frozen mappings can be pickled and copied deeply, and so can all data that hold them.
+copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
 
 
 def read_only(

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 RESERVE_LIMIT = 0.10
 #: Largest residual force and moment [N, N·m], OpenSim's documentation on residual reduction.
 RESIDUAL_LIMITS = {"N": 20.0, "N·m": 75.0}
+#: Statuses of frames that may be used.
+USABLE = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +111,15 @@ class Verdict:
             first += f"; levels missed in {self.frames_missed} frames, most by {self.missed}"
         if self.margin is not None:
             first += f"; least margin {self.margin}"
-        second = f"reserves at most {self.reserve}" if self.reserve is not None else "no reserves"
+        second = "no reserves"
+        if not any(status in self.counts for status in USABLE):
+            second = "no frame is solved, so nothing is known of reserves"
+        elif self.reserve is not None:
+            worst = self.reserve
+            second = (
+                f"reserves carry at most {worst.amount:.4g} % of a peak moment "
+                f"({worst.name} at t = {worst.time:.6g} s)"
+            )
         for residual in (self.residual_force, self.residual_moment):
             second += f"; without muscles at most {residual}" if residual is not None else ""
         if self.beyond_limits:

@@ -16,13 +16,12 @@ import numpy as np
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.io.storage import Storage, read_storage
 from scso_nlp.validation import BoolArray, FloatArray, read_only, unique_names
+from scso_nlp.verdict import USABLE
 
 if TYPE_CHECKING:
     from scso_nlp.solution import Solution
 
 _REPORT = "report.json"
-#: Names of the statuses of frames that may be used.
-_SOLVED = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +185,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
         time=table.time,
         muscles=tuple(muscles),
         activation=table.columns(muscles),
-        is_solved=np.array([status in _SOLVED for status in statuses]),
+        is_solved=np.array([status in USABLE for status in statuses]),
         stability_rows=rows,
         stability=stability,
         report=report,
