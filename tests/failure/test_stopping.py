@@ -89,6 +89,14 @@ def slow(*_, **options):
 figures.plot_moments = slow
 """
 
+#: Runs a script with the signals as a terminal leaves them: nohup and background jobs ignore some.
+AS_FROM_A_TERMINAL = """
+import os, signal, sys
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL)
+os.execv(sys.executable, [sys.executable, "-c", sys.argv[1]])
+"""
+
 COMMAND_LINE = """
 from scso_nlp.cli import app
 app(["run", "setup.xml", "--output", "results", "--processes", "1"])
@@ -100,7 +108,7 @@ def stop(script: str, number: int, folder: Path) -> tuple[int, str, float]:
     temporary = folder / "temporary"
     temporary.mkdir(exist_ok=True)
     process = subprocess.Popen(
-        [sys.executable, "-c", script],
+        [sys.executable, "-c", AS_FROM_A_TERMINAL, script],
         cwd=folder,
         env=os.environ | {"TMPDIR": str(temporary), "MPLBACKEND": "agg"},
         stdout=subprocess.PIPE,
