@@ -36,6 +36,8 @@ from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 LOOSE_VIOLATION = 1e-4
+#: A violation of less than this share of what the entries of the rows add up to is the doubles' [-].
+ROUNDING = 1e-12
 #: A frame that is further from its optimum than this is not solved [-].
 LOOSE_OPTIMALITY = 1e-3
 
@@ -308,6 +310,7 @@ def _statuses(
     """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
+    violation[np.nan_to_num(optimality.feasibility, nan=np.inf) <= ROUNDING] = 0.0
     missed = _scaled_miss(program, rows, matrices)
     worst = np.nan_to_num(optimality.worst, nan=np.inf)
     for k, found in enumerate(status):
