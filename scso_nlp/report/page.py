@@ -49,7 +49,7 @@ _MEANING = {
     "not prove a joint stable in every direction.",
 }
 #: Entries of a result's report that stand elsewhere on the page, or nowhere.
-_SHOWN_ELSEWHERE = {"frame_status", "summary", "files_sha256", "name"}
+_SHOWN_ELSEWHERE = {"frame_status", "summary", "verdict", "files_sha256", "name"}
 
 
 def _printable(value: Any) -> Any:
@@ -141,9 +141,16 @@ def _result(result: MotionResult) -> dict[str, Any]:
         "solved": f"{solved} of {result.n_frames}",
         "is_failed": solved < result.n_frames,
         "summary": report.get("summary", ""),
+        "verdict": _lines(report.get("verdict")),
         "time": f"{seconds:.3g} s" if isinstance(seconds, int | float) else "",
         "facts": list(_facts("", {k: v for k, v in report.items() if k not in _SHOWN_ELSEWHERE})),
     }
+
+
+def _lines(verdict: object) -> tuple[str, ...]:
+    """Give the lines of a verdict; none where the report has none, or another program wrote it."""
+    lines = verdict.get("lines") if isinstance(verdict, Mapping) else None
+    return tuple(str(line) for line in lines) if isinstance(lines, Sequence) and lines else ()
 
 
 def _standard_figures(comparison: Comparison) -> dict[str, Figure]:

@@ -124,6 +124,19 @@ def test_failed_frames_are_marked_and_counted():
     assert any("Tables use the 37 frames" in text for text in page.texts)
 
 
+def test_the_verdict_stands_at_the_top_and_is_left_out_where_there_is_none():
+    said = {"lines": ["40 of 41 frames solved (1 stability missed)", "no reserves"], "n_frames": 41}
+    for report, expected in (
+        ({"summary": "all", "verdict": said}, said["lines"]),
+        ({"summary": "all", "verdict": "of another program"}, []),
+        ({"summary": "all"}, []),
+    ):
+        text = render_report(with_emg([make_result(report=report)]))
+        page = Page(text)
+        assert [line for line in said["lines"] if line in page.texts] == expected
+        assert "n_frames" not in text, "the verdict is listed among the facts too"
+
+
 def test_pictures_are_embedded_and_other_files_refused(tmp_path):
     comparison = compare([make_result()])
     (tmp_path / "walk_stability.png").write_bytes(PNG)
