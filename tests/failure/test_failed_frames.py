@@ -261,7 +261,7 @@ def test_the_message_of_many_failed_frames_names_five_times_and_three_rows():
 @pytest.mark.parametrize("status", list(Status))
 def test_every_status_is_a_sentence(status):
     assert re.fullmatch(r"[A-Z].*\.", status.value)
-    assert status.is_solved == (status in (Status.SOLVED, Status.ACCEPTABLE))
+    assert status.is_solved == (status in (Status.SOLVED, Status.STABILITY_MISSED, Status.ACCEPTABLE))
 
 
 def test_random_infeasible_frames_are_told_from_feasible_ones_as_a_linear_program_does(rng):
