@@ -15,6 +15,8 @@ from scso_nlp.motion import Motion
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.validation import FloatArray, by_name
 
+#: Finite exponents above this one are refused: 0.5 to that power is near the end of the doubles.
+LARGEST_EXPONENT = 1000.0
 #: Exponents above this one are approached from half the exponent: a^p is flat far from the optimum.
 _STEEP_EXPONENT = 4.0
 
@@ -44,8 +46,8 @@ class ActivationEffort(FrameObjective):
     Raises
     ------
     ProblemError
-        Exponent below 1 or not a number, a negative weight, negative activations allowed at an exponent
-        below 2 or infinite.
+        Exponent below 1, not a number, or finite and above 1000; a negative weight; negative activations
+        allowed at an exponent below 2 or infinite.
     NameMismatchError
         A name in `weights` that fits no muscle and no actuator.
 
@@ -68,6 +70,11 @@ class ActivationEffort(FrameObjective):
         if not self.exponent >= 1:
             raise ProblemError(
                 f"exponent is {self.exponent:g}, expected a number of at least 1 (or infinity)"
+            )
+        if LARGEST_EXPONENT < self.exponent < math.inf:
+            raise ProblemError(
+                f"exponent is {self.exponent:g}, expected at most {LARGEST_EXPONENT:g}: powers of small "
+                "activations vanish among the doubles; infinity is min/max"
             )
         if not (math.isfinite(self.weight) and self.weight >= 0):
             raise ProblemError(f"weight is {self.weight:g}, expected a finite number of at least 0")

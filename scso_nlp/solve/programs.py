@@ -319,6 +319,7 @@ def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
     return 1.0 / size
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _objective_size(
     program: FrameProgram, unknowns: FloatArray, others: tuple[FloatArray, ...]
 ) -> FloatArray:

@@ -151,7 +151,9 @@ class Nlp:
             target[:, rows] = lam_g[start : start + n * rows.size].reshape(n, rows.size)
             start += n * rows.size
         weight = scale.weight[frames]
-        return one / (weight[:, None] * scale.rows[frames]), pair / weight[0]
+        # objectives that vanish among the doubles have weights near the largest of them
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return one / (weight[:, None] * scale.rows[frames]), pair / weight[0]
 
 
 def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) -> Nlp:

@@ -138,3 +138,22 @@ def test_what_vanishes_among_the_doubles_is_not_called_solved(rng):
     solution = scso.solve_trajectory(with_forces(problem, moment=1e-3), on_failure="return")
     assert not solution.is_solved.any()
     assert set(solution.frame_status) == {Status.NOT_OPTIMAL}
+
+
+@pytest.mark.parametrize("exponent", [500.0, 1000.0])
+def test_exponents_at_the_end_of_the_doubles_are_right_or_not_called_solved(rng, exponent):
+    """What min/max leaves as the largest is a lower bound, and the optimum is close to it."""
+    problem = random_problem(rng, exponent=exponent, reserve=5.0, stability=False)
+    largest = dataclasses.replace(problem, objectives=(scso.ActivationEffort(exponent=np.inf),))
+    solutions = [scso.solve_trajectory(p, on_failure="return") for p in (problem, largest)]
+    found, least = (np.abs(np.hstack([s.activation, s.control])).max(axis=1) for s in solutions)
+    is_solved = np.array([status is Status.SOLVED for status in solutions[0].frame_status])
+    assert set(solutions[0].frame_status) <= {Status.SOLVED, Status.ACCEPTABLE, Status.NOT_OPTIMAL}
+    # the sum of 13 powers is at most 13 times the largest
+    assert (found <= least * 13 ** (1 / exponent) * (1 + 1e-6))[is_solved].all()
+
+
+@pytest.mark.parametrize("exponent", [1001.0, 1e6, 1e30])
+def test_exponents_beyond_the_doubles_are_refused_by_name_of_min_max(exponent):
+    with pytest.raises(scso.ProblemError, match=r"expected at most 1000: .* infinity is min/max"):
+        scso.ActivationEffort(exponent=exponent)
