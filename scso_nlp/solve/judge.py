@@ -17,7 +17,6 @@ from scso_nlp.solution import (
     SMALLEST_EIGENVALUE,
     MatrixResult,
     MomentBalance,
-    Optimality,
     RowResult,
     Shortfall,
     Solution,
@@ -66,13 +65,16 @@ class Outcome:
     shortfalls: tuple[Shortfall, ...] = ()
 
 
-def judge(outcome: Outcome, report: SolveReport) -> Solution:
+def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> Solution:
     """Turn what a solver left into a solution.
 
     Parameters
     ----------
     outcome : Outcome
     report : SolveReport
+    is_graded : bool
+        Hold frames against the conditions of an optimum too, not only against their rows. False for a point
+        that nobody called an optimum.
 
     Returns
     -------
@@ -85,7 +87,8 @@ def judge(outcome: Outcome, report: SolveReport) -> Solution:
     rows = _row_results(program, finite, outcome.multipliers, missing)
     matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
     optimality = optimality_of(program, finite, outcome.multipliers, ~missing)
-    status, shortfalls = _statuses(outcome, rows, matrices, optimality)
+    worst = np.nan_to_num(optimality.worst, nan=np.inf) if is_graded else np.zeros(missing.size)
+    status, shortfalls = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
     solved: BoolArray = np.array([s.is_solved for s in status])
     parts = program.layout.split(outcome.unknowns * program.layout.scale)
     activation, control = (parts.pop((PROBLEM, name)) for name in ("activation", "control"))
@@ -302,7 +305,8 @@ def _statuses(
     outcome: Outcome,
     rows: dict[str, RowResult],
     matrices: dict[str, MatrixResult],
-    optimality: Optimality,
+    feasibility: FloatArray,
+    worst: FloatArray,
 ) -> tuple[tuple[Status, ...], tuple[Shortfall, ...]]:
     """Hold what the solver said of each frame against its rows and the conditions of an optimum.
 
@@ -310,9 +314,8 @@ def _statuses(
     """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
-    violation[np.nan_to_num(optimality.feasibility, nan=np.inf) <= ROUNDING] = 0.0
+    violation[np.nan_to_num(feasibility, nan=np.inf) <= ROUNDING] = 0.0
     missed = _scaled_miss(program, rows, matrices)
-    worst = np.nan_to_num(optimality.worst, nan=np.inf)
     for k, found in enumerate(status):
         if found.is_solved and violation[k] > LOOSE_VIOLATION:
             status[k] = Status.NUMERICAL_ERROR
