@@ -85,6 +85,11 @@ class RowResult:
     is_observed: bool = False
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each entry of `missed_by_row`."""
+        return self.unit
+
+    @property
     def missed_by_row(self) -> dict[str, FloatArray]:
         """By how much each row is missed, shape (n_frames,) [unit]."""
         return dict(zip(self.names, self.missed.T, strict=True))
@@ -130,6 +135,11 @@ class MatrixResult:
     mode: FloatArray
     multiplier: FloatArray
     is_observed: bool = False
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each entry of `missed_by_row`."""
+        return (self.unit,)
 
     @property
     def missed_by_row(self) -> dict[str, FloatArray]:
@@ -411,11 +421,13 @@ class Solution:
         """What the solution is worth: frames, stability, reserves and residuals."""
         names = [status.name for status in self.frame_status]
         missed = [
-            (name, np.nan_to_num(found))
+            (name, unit, np.nan_to_num(found))
             for result in self.kept.values()
-            for name, found in result.missed_by_row.items()
+            for (name, found), unit in zip(result.missed_by_row.items(), result.units, strict=True)
         ]
-        misses = self.frame_status.count(Status.STABILITY_MISSED)
+        table = np.column_stack([found for *_, found in missed]) if missed else np.zeros((len(names), 0))
+        is_missed = self.is_solved & (table.max(axis=1, initial=0.0) > ACTIVE_MARGIN)
+        is_missed |= np.array([status is Status.STABILITY_MISSED for status in self.frame_status])
         margin, balance = self.stability, self.moment_balance
         peak = np.abs(balance.required).max(axis=0)
         arms = np.abs(self.problem.motion.trajectory.moment_arms)
@@ -432,18 +444,18 @@ class Solution:
             n_frames=len(names),
             margin=None if margin is None else self._extreme(margin.rows, -margin.margin, "N·m/rad", -1.0),
             missed=self._extreme(
-                tuple(name for name, _ in missed), np.column_stack([found for _, found in missed]), "N·m/rad"
+                tuple(name for name, *_ in missed), table, tuple(unit for _, unit, _ in missed)
             )
-            if misses
+            if is_missed.any()
             else None,
-            frames_missed=misses,
+            frames_missed=int(is_missed.sum()),
             reserve=self._extreme(balance.coordinates, shares, "%"),
             residual_force=self._extreme(balance.coordinates, residuals["N"], "N"),
             residual_moment=self._extreme(balance.coordinates, residuals["N·m"], "N·m"),
         )
 
     def _extreme(
-        self, names: tuple[str, ...], table: FloatArray, unit: str, sign: float = 1.0
+        self, names: tuple[str, ...], table: FloatArray, unit: str | tuple[str, ...], sign: float = 1.0
     ) -> Extreme | None:
         """Find the largest entry of a table (n_frames, n_names); None where there is none or all are zero."""
         known = np.where(self.is_solved[:, None] & np.isfinite(table), table, -np.inf)
@@ -451,7 +463,8 @@ class Solution:
             return None
         k, i = np.unravel_index(int(known.argmax()), known.shape)
         time = float(self.problem.motion.trajectory.time[k])
-        return Extreme(name=names[i], time=time, amount=sign * float(known[k, i]), unit=unit)
+        name, one = names[i], unit if isinstance(unit, str) else unit[i]
+        return Extreme(name=name, time=time, amount=sign * float(known[k, i]), unit=one)
 
     def summary(self) -> str:
         """One sentence: how many frames failed, when, and the worst row."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Largest share of a coordinate's peak moment that its reserves should carry [-]: Hicks, Uchida, Seth,
-#: Rajagopal and Delp (2015), J Biomech Eng 137:020905, table 3.
+# OpenSim's documentation, best practices, "Reserves and Residuals": 10 %, 10 to 20 N, 75 N·m.
+#: Largest share of a coordinate's peak moment that its reserves should carry [-].
 RESERVE_LIMIT = 0.10
-#: Largest residual force and moment [N, N·m], OpenSim's documentation on residual reduction.
+#: Largest residual force and moment [N, N·m].
 RESIDUAL_LIMITS = {"N": 20.0, "N·m": 75.0}
 #: Statuses of frames that may be used.
 USABLE = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")

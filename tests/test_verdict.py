@@ -46,6 +46,14 @@ def test_missed_soft_levels_are_said_with_row_time_and_amount(rng):
     assert solution.summary().startswith("all 3 frames solved, of these 3 stability missed")
 
 
+def test_a_level_that_only_acceptable_frames_miss_is_said_too(rng):
+    solution = scso.solve_trajectory(soft(random_problem(rng), 500.0))
+    loose = dataclasses.replace(solution, frame_status=(Status.ACCEPTABLE,) * 3).verdict
+    assert loose.frames_missed == 3
+    assert loose.missed == solution.verdict.missed
+    assert loose.missed.unit == "N·m/rad"
+
+
 def test_a_soft_level_that_is_kept_is_not_missed(rng):
     solution = scso.solve_trajectory(soft(random_problem(rng), -100.0))
     assert solution.verdict.is_clean
