@@ -109,13 +109,9 @@ def infeasible_rows(program: FrameProgram, frame: int) -> list[Shortfall]:
     list of Shortfall
         Empty if all rows can be kept together; otherwise the rows that the best compromise misses.
     """
-    affine = program.split.affine.frames(np.array([frame]))
     lower, upper = (bound[frame] for bound in program.bounds())
-    n_rows, n_x = affine.rows.size, program.layout.size
-    matrix = affine.dense(n_x)[0]
-    row_lower, row_upper = (
-        bound[affine.rows] - affine.constant[0] for bound in (program.rows.lower, program.rows.upper)
-    )
+    matrix, row_lower, row_upper = _affine_rows(program, frame)
+    n_rows, n_x = matrix.shape
     eye = np.eye(n_rows)
     above, below = np.isfinite(row_lower), np.isfinite(row_upper)
     a_ub = np.vstack([np.hstack([-matrix, -eye, 0 * eye])[above], np.hstack([matrix, 0 * eye, -eye])[below]])
@@ -128,7 +124,13 @@ def infeasible_rows(program: FrameProgram, frame: int) -> list[Shortfall]:
     short, excess = result.x[n_x : n_x + n_rows], result.x[n_x + n_rows :]
     order = np.argsort(-np.maximum(short, excess))
     return [
-        _shortfall(program, frame, int(affine.rows[i]), float(max(short[i], excess[i])), short[i] > excess[i])
+        _shortfall(
+            program,
+            frame,
+            int(program.split.affine.rows[i]),
+            float(max(short[i], excess[i])),
+            short[i] > excess[i],
+        )
         for i in order
         if max(short[i], excess[i]) > FEASIBILITY_TOLERANCE
     ]
@@ -137,8 +139,8 @@ def infeasible_rows(program: FrameProgram, frame: int) -> list[Shortfall]:
 def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
     """Keep the affine rows of one frame with the least largest unknown, by a linear program.
 
-    Where the objective is a sum of powers of n unknowns, the largest of them at the optimum is at most the
-    n-th part of a power larger, so this gives the frame's scale.
+    The optimum of a sum of powers p of n unknowns has at most :math:`n^{1/p}` times this largest unknown,
+    so it gives the frame's scale.
 
     Returns
     -------
@@ -147,15 +149,11 @@ def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
     """
     if program.split.nonlinear:
         return None
-    affine = program.split.affine.frames(np.array([frame]))
     lower, upper = (bound[frame] for bound in program.bounds())
-    matrix = affine.dense(program.layout.size)[0]
+    used = ~program.split.affine.is_empty[frame]
+    matrix, row_lower, row_upper = (rows[used] for rows in _affine_rows(program, frame))
     size = np.abs(matrix).max(axis=1, initial=0.0)
-    size = np.where(affine.is_empty[0] | (size == 0), np.inf, size)
-    row_lower, row_upper = (
-        (bound[affine.rows] - affine.constant[0]) / size for bound in (program.rows.lower, program.rows.upper)
-    )
-    matrix = np.where(np.isfinite(size)[:, None], matrix / size[:, None], 0.0)
+    matrix, row_lower, row_upper = matrix / size[:, None], row_lower / size, row_upper / size
     eye, one = np.eye(lower.size), np.ones((lower.size, 1))
     nothing = np.zeros((len(matrix), 1))
     a_ub = np.vstack(
@@ -174,6 +172,15 @@ def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
         np.append(np.zeros(lower.size), 1.0), A_ub=a_ub, b_ub=b_ub, bounds=limits, method="highs"
     )
     return np.clip(result.x[:-1], lower, upper) if result.success else None
+
+
+def _affine_rows(program: FrameProgram, frame: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix (n_rows, n_unknowns) and bounds (n_rows,) of the affine rows of a frame, less constants."""
+    affine = program.split.affine.frames(np.array([frame]))
+    lower, upper = (
+        bound[affine.rows] - affine.constant[0] for bound in (program.rows.lower, program.rows.upper)
+    )
+    return affine.dense(program.layout.size)[0], lower, upper
 
 
 def _shortfall(program: FrameProgram, frame: int, row: int, amount: float, wants_more: bool) -> Shortfall:
