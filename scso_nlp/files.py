@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and the hash that tells one file from another."""
+"""Files written whole or not at all, and the hash that tells whether one is still the same."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from scso_nlp.exceptions import DataError
@@ -66,3 +66,43 @@ def sha256(path: str | os.PathLike[str]) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def hashes(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:
+    """Hash files, before they are read.
+
+    Parameters
+    ----------
+    paths : iterable of path
+
+    Returns
+    -------
+    dict of str to str
+        SHA-256 by path.
+
+    Raises
+    ------
+    DataError
+        A file cannot be read.
+    """
+    return {str(path): sha256(path) for path in paths}
+
+
+def refuse_changed(before: Mapping[str, str]) -> None:
+    """Raise unless files are what they were, after they were read: then the hashes are of what was read.
+
+    Parameters
+    ----------
+    before : mapping of str to str
+        SHA-256 by path.
+
+    Raises
+    ------
+    DataError
+        A file is not the same any more, or not there.
+    """
+    for path, digest in before.items():
+        with contextlib.suppress(DataError):
+            if sha256(path) == digest:
+                continue
+        raise DataError(f"{path} was changed or removed while it was read; run again, nothing was kept")

@@ -3,7 +3,7 @@
 import pytest
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.files import sha256, write_whole
+from scso_nlp.files import hashes, refuse_changed, sha256, write_whole
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -56,3 +56,15 @@ def test_the_hash_is_that_of_the_standard(tmp_path):
     assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     with pytest.raises(DataError, match=r"nothing cannot be read: No such file"):
         sha256(tmp_path / "nothing")
+
+
+def test_files_that_are_not_what_they_were_are_refused(tmp_path):
+    paths = [tmp_path / name for name in "ab"]
+    for path in paths:
+        path.write_text("as it was")
+    before = hashes(paths)
+    refuse_changed(before)
+    for spoil in (lambda: paths[1].write_text("as it is"), paths[1].unlink):
+        spoil()
+        with pytest.raises(DataError, match="b was changed or removed while it was read; run again"):
+            refuse_changed(before)

@@ -67,9 +67,6 @@ def check_input(motion: MotionInput) -> CheckedInput:
     NameMismatchError
         A load whose columns are not there.
     """
-    for path in motion.files():
-        if not path.is_file():
-            raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
     check_document(motion.model, "Model")
     for path in motion.actuators:
         check_document(path, "ForceSet")

@@ -12,10 +12,12 @@ import importlib.metadata
 import json
 import logging
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from scso_nlp.exceptions import DataError, EngineError
+from scso_nlp.files import hashes, refuse_changed
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
 from scso_nlp.motion import Motion
@@ -25,6 +27,7 @@ from scso_nlp.opensim.checks import CheckedInput, check_input
 from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
     MotionInput,
+    named_files,
     read_analyze_setup,
     read_external_loads,
     with_changes,
@@ -87,39 +90,78 @@ def load_motion(
         setup = read_analyze_setup(setup)
     motion = setup.motion if isinstance(setup, AnalyzeSetup) else setup
     motion = with_changes(motion, changes)
+    return load_with_hashes(motion, processes=processes, cache=cache, progress=progress)[0]
+
+
+def load_with_hashes(
+    motion: MotionInput,
+    *,
+    processes: int | None = None,
+    cache: str | os.PathLike[str] | None = None,
+    progress: bool | None = None,
+) -> tuple[Motion, dict[str, str]]:
+    """Do what :func:`load_motion` does, and tell which files it has read.
+
+    Parameters
+    ----------
+    motion : MotionInput
+    processes, cache, progress
+        As for :func:`load_motion`.
+
+    Returns
+    -------
+    Motion, dict of str to str
+        The SHA-256 of every input file, by path, as it was when it was read: a file that changes meanwhile is
+        refused. What happens to it later does no harm.
+
+    Raises
+    ------
+    DataError, EngineError
+        As for :func:`load_motion`.
+    """
     if processes is not None and processes < 1:
         raise DataError(f"processes is {processes}, expected 1 or more")
+    inputs = hashes(_input_files(motion))
     checked = check_input(motion)
+    refuse_changed(inputs)
     if cache is None:
-        return _extract(checked, processes, progress)
+        return _extract(checked, inputs, processes, progress), inputs
     folder = Path(cache)
-    provenance = _provenance(checked)
+    provenance = _provenance(checked, inputs)
     bundle = folder / f"{_file_name(motion.name)}-{_key(provenance)[:16]}.npz"
     if bundle.is_file():
         try:
             result = load_bundle(bundle)
             logger.info("read %s: OpenSim not needed", bundle)
-            return result
+            return result, inputs
         except DataError as error:
             logger.warning("the cached motion is computed again: %s", error)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"the cache folder {folder} cannot be made: {error.strerror or error}") from None
-    result = _extract(checked, processes, progress)
-    save_bundle(bundle, result, provenance=provenance)
-    return result
+    result = _extract(checked, inputs, processes, progress)
+    try:
+        save_bundle(bundle, result, provenance=provenance)
+    except DataError as error:
+        logger.warning("the motion is not cached: %s", error)
+    return result, inputs
 
 
-def _extract(checked: CheckedInput, processes: int | None, progress: bool | None) -> Motion:
+def _extract(
+    checked: CheckedInput, inputs: Mapping[str, str], processes: int | None, progress: bool | None
+) -> Motion:
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
     loads = None if checked.loads is None else checked.loads.text
-    return assemble(checked.motion, crew.extract(_job(checked), n_workers, progress, loads))
+    return assemble(checked.motion, crew.extract(_job(checked, inputs), n_workers, progress, loads))
 
 
-def _job(checked: CheckedInput) -> Job:
+def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:
+    motion = checked.motion
+    read_here = {str(path) for path in (motion.motion, motion.speeds, motion.external_loads)}
     return Job(
+        inputs={path: digest for path, digest in inputs.items() if path not in read_here},
         settings=_settings(checked),
         motion=_table(checked.table),
         unusable=checked.unusable,
@@ -160,31 +202,26 @@ def opensim_version() -> str:
         ) from None
 
 
-def _provenance(checked: CheckedInput) -> Provenance:
+def _provenance(checked: CheckedInput, inputs: Mapping[str, str]) -> Provenance:
     return Provenance(
         package_version=_package_version(),
         opensim_version=opensim_version(),
-        inputs=input_hashes(checked.motion),
+        inputs=inputs,
         settings=_settings(checked),
     )
 
 
-def input_hashes(motion: MotionInput) -> dict[str, str]:
-    """Return the SHA-256 of every input file, by path.
-
-    Parameters
-    ----------
-    motion : MotionInput
-
-    Returns
-    -------
-    dict of str to str
-        The data file of the external loads is included.
-    """
+def _input_files(motion: MotionInput) -> list[Path]:
+    """List every input file, with those that the files themselves name."""
     paths = list(motion.files())
+    for path in paths:
+        if not path.is_file():
+            raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
     if motion.external_loads is not None:
         paths.append(read_external_loads(motion.external_loads).data)
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    for path in (motion.model, *motion.actuators):
+        paths += named_files(path)
+    return paths
 
 
 def _package_version() -> str:

@@ -355,6 +355,29 @@ def read_external_loads(path: Path) -> LoadSource:
     )
 
 
+def named_files(path: Path) -> tuple[Path, ...]:
+    """Find the data files that a model or force set names: meshes that touch, data of loads.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple of Path
+        Those that are there; none where the file is not XML, which is said elsewhere.
+    """
+    try:
+        root = read_xml(path)
+    except FileFormatError:
+        return ()
+    reader = _Reader(path, root)
+    texts = [element.findtext("filename") for element in root.iter("ContactMesh")]
+    texts += [element.text for element in root.iter("datafile")]
+    files = (reader.path(text.strip()) for text in texts if text and text.strip())
+    return tuple(file for file in files if file.is_file())
+
+
 def read_xml(path: Path) -> Element:
     """Parse an XML file without expanding entities.
 

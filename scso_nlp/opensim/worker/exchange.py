@@ -41,6 +41,7 @@ class Job:
     motion: Table  # coordinates or states
     unusable: Mapping[str, str]  # columns of the motion that are not finite everywhere, and where not
     speeds: Table | None
+    inputs: Mapping[str, str]  # SHA-256 of the files that the workers read, by path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +72,7 @@ def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
     content = {
         "settings": settings,
         "unusable": dict(job.unusable),
+        "inputs": dict(job.inputs),
         "labels": {name: list(table.labels) for name, table in tables.items()},
     }
     (folder / "job.json").write_text(json.dumps(content), encoding="utf-8")
@@ -90,6 +92,7 @@ def read_job(folder: Path) -> Job:
         motion=tables["motion"],
         unusable=content["unusable"],
         speeds=tables.get("speeds"),
+        inputs=content["inputs"],
     )
 
 

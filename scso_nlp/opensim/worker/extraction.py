@@ -8,6 +8,7 @@ import numpy as np
 import opensim as osim
 from numpy.typing import NDArray
 
+from scso_nlp.files import refuse_changed
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job
@@ -38,7 +39,11 @@ class Extraction:
     def __init__(self, job: Job) -> None:
         osim.Logger.setLevelString("Info")
         settings = job.settings
-        self._model = Model(settings)
+        try:
+            self._model = Model(settings)
+        finally:
+            # OpenSim has read all files by now; what it says of one that was half written is beside the point
+            refuse_changed(job.inputs)
         self._kinematics = read_kinematics(job, self._model)
         self._poses = Poses(
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
