@@ -308,7 +308,7 @@ SETTINGS = {setting.name: setting for setting in (
     Setting("frames_per_program", COUNT, SOLVER, example="128", default="128",
         help="Cut longer motions into programs of so many frames; the answer does not depend on it"),
     Setting("output", PATH, OUTPUT, place="output.folder", example='"results"',
-        default="scso_results/<name>", help="Folder of the results"),
+        default="scso_results/<name of the file that is run>, beside it", help="Folder of the results"),
     Setting("overwrite", FLAG, OUTPUT, example="false", default="false: the next free name, <folder>_2",
         help="Replace results of other inputs in that folder"),
     Setting("keep_failed", FLAG, OUTPUT, example="false", default="false",

@@ -66,7 +66,13 @@ LAYERS = (
 #: The one package that may import OpenSim; it runs in processes of its own.
 WORKER = "scso_nlp.opensim.worker"
 #: All that a worker may load of this package besides itself.
-OF_USE_TO_THE_WORKER = ("scso_nlp", "scso_nlp.exceptions", "scso_nlp.opensim", "scso_nlp.validation")
+OF_USE_TO_THE_WORKER = (
+    "scso_nlp",
+    "scso_nlp.exceptions",
+    "scso_nlp.files",
+    "scso_nlp.opensim",
+    "scso_nlp.validation",
+)
 
 #: Parts that work without CasADi, so that they can share a process with OpenSim or start fast.
 WITHOUT_CASADI = (

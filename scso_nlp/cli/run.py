@@ -22,11 +22,13 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
     with exit_codes(verbose):
+        from scso_nlp.report.folder import refuse_unwritable
         from scso_nlp.run import run as solve
         from scso_nlp.run import write_run
         from scso_nlp.settings import read_settings
 
         settings, where = read_settings(source, changes)
+        refuse_unwritable(where.folder_for(settings.motion.name).absolute())
         result = solve(settings, where)
         files = write_run(result, where)
         _report(result, files)
@@ -48,3 +50,5 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     has_results = any("_activation" in path.name for path in files)
     kind = "results" if has_results else "status and report, no results,"
     typer.echo(f"  {kind} in {files[-1].parent}")
+    for note in result.settings.notes:
+        typer.echo(f"  {note}")
