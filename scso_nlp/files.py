@@ -6,10 +6,15 @@ import contextlib
 import hashlib
 import os
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from scso_nlp.exceptions import DataError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 
 @contextlib.contextmanager
@@ -106,3 +111,53 @@ def refuse_changed(before: Mapping[str, str]) -> None:
             if sha256(path) == digest:
                 continue
         raise DataError(f"{path} was changed or removed while it was read; run again, nothing was kept")
+
+
+def lock(folder: str | os.PathLike[str], *, wait: bool = False) -> int | None:
+    """Lock a folder against other locks of it, until the descriptor is closed or the process ends, somehow.
+
+    Parameters
+    ----------
+    folder : path
+        Exists.
+    wait : bool
+        Until it is free.
+
+    Returns
+    -------
+    int or None
+        The descriptor; None where the system knows no locks of folders.
+
+    Raises
+    ------
+    BlockingIOError
+        It is locked, and `wait` is false.
+    OSError
+        It cannot be read.
+    """
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BaseException as error:
+        os.close(descriptor)
+        if isinstance(error, OSError) and not isinstance(error, BlockingIOError):
+            return None
+        raise
+    return descriptor
+
+
+def insist(clean: Callable[[], object]) -> None:
+    """Do something that must be done; once more from its beginning where a signal interrupts it.
+
+    Parameters
+    ----------
+    clean : callable
+        Without arguments; it may be done twice.
+    """
+    try:
+        clean()
+    except BaseException:
+        clean()
+        raise

@@ -11,11 +11,13 @@ import json
 import logging
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,7 +25,8 @@ from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.opensim.worker.exchange import Job, Result, log_file, read_result, write_job
+from scso_nlp.files import insist, lock
+from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
 
 logger = logging.getLogger("scso_nlp")
 
@@ -36,6 +39,8 @@ del sys.path[0]
 from scso_nlp.opensim.worker.process import main
 sys.exit(main(sys.argv[2:]))
 """
+#: Names of folders for temporary files start with it.
+TEMPORARY = "scso_"
 #: A bar appears only when the extraction lasts longer [s].
 PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
@@ -83,10 +88,34 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     EngineError
         OpenSim refused the input, or a worker died.
     """
-    with tempfile.TemporaryDirectory(prefix="scso_") as name:
-        folder = Path(name)
+    with _own_folder() as folder:
         write_job(folder, job, external_loads)
         return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+
+
+@contextlib.contextmanager
+def _own_folder() -> Iterator[Path]:
+    """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
+    _remove_orphans()
+    folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
+    descriptor = None
+    try:
+        descriptor = lock(folder)
+        yield folder
+    finally:
+        insist(lambda: shutil.rmtree(folder, ignore_errors=True))
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _remove_orphans() -> None:
+    for job in Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*/{JOB}"):
+        # a folder is locked before its job is written; others may belong to somebody else
+        with contextlib.suppress(OSError):
+            descriptor = lock(job.parent)
+            if descriptor is not None:
+                shutil.rmtree(job.parent, ignore_errors=True)
+                os.close(descriptor)
 
 
 def worker_environment() -> dict[str, str]:
@@ -132,13 +161,13 @@ class _Crew:
                 readers.append(reader)
             self._wait(crew, progress)
         finally:
-            for process in crew:
-                _end(process)
+            insist(lambda: [_end(process) for process in crew])
             for reader in readers:
                 reader.join(PATIENCE)
             for process in crew:
-                if process.stdout is not None:
-                    process.stdout.close()
+                for stream in (process.stdin, process.stdout):
+                    if stream is not None:
+                        stream.close()
             self._pass_log_on()
         results = [read_result(self.folder, part) for part in range(self.n_workers)]
         return [result for result in results if result.arrays]
@@ -232,7 +261,8 @@ def _start(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
     package = Path(exceptions.__file__).parents[1]
     return subprocess.Popen(
         [sys.executable, "-P", "-c", PROGRAM, str(package), str(folder), str(part), str(parts)],
-        stdin=subprocess.DEVNULL,
+        # never written to: it closes when this process ends, however it ends
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=worker_environment(),

@@ -18,12 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import lock
 from scso_nlp.solution import Status
-
-try:
-    import fcntl
-except ImportError:  # Windows, where nothing but care keeps two runs apart
-    fcntl = None  # type: ignore[assignment]
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -165,21 +161,18 @@ def remove_empty(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Make a folder and keep it locked; where the file system knows no locks it is only made."""
+    """Make a folder and keep it locked; where the system knows no such locks it is only made."""
     while True:
         folder.mkdir(parents=True, exist_ok=True)
-        if fcntl is None:
+        try:
+            descriptor = lock(folder)
+        except BlockingIOError:
+            _LOG.warning("%s is being written to by another run; waiting for it", folder)
+            descriptor = lock(folder, wait=True)
+        if descriptor is None:
             yield
             return
-        descriptor = os.open(folder, os.O_RDONLY)
         try:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                _LOG.warning("%s is being written to by another run; waiting for it", folder)
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
-            except OSError as error:
-                _LOG.debug("%s cannot be locked: %s", folder, error)
             # the other run may have removed it
             if folder.is_dir() and os.path.samestat(os.fstat(descriptor), folder.stat()):
                 yield

@@ -25,7 +25,7 @@ import numpy as np
 
 from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import sha256, write_whole
+from scso_nlp.files import insist, sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -306,7 +306,7 @@ def _put(
         for file in (*_found(new, own), REPORT):
             os.replace(new / file, folder / file)
     finally:
-        settle(folder)
+        insist(lambda: settle(folder))
         if folder.name == FAILED:
             remove_empty(folder)
 
