@@ -86,11 +86,15 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     ScsoError
         What a worker refused, by its own class.
     EngineError
-        OpenSim refused the input, or a worker died.
+        OpenSim refused the input, a worker died, or there is no room for temporary files.
     """
-    with _own_folder() as folder:
-        write_job(folder, job, external_loads)
-        return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    try:
+        with _own_folder() as folder:
+            write_job(folder, job, external_loads)
+            return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    except OSError as error:
+        reason = error.strerror or error
+        raise EngineError(f"OpenSim's temporary files (TMPDIR says where) cannot be used: {reason}") from None
 
 
 @contextlib.contextmanager
@@ -161,7 +165,7 @@ class _Crew:
                 readers.append(reader)
             self._wait(crew, progress)
         finally:
-            insist(lambda: [_end(process) for process in crew])
+            insist(lambda: _end(crew))
             for reader in readers:
                 reader.join(PATIENCE)
             for process in crew:
@@ -272,9 +276,11 @@ def _start(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
     )
 
 
-def _end(process: subprocess.Popen[str]) -> None:
-    if process.poll() is None:
-        process.terminate()
+def _end(crew: list[subprocess.Popen[str]]) -> None:
+    for process in crew:
+        if process.poll() is None:
+            process.terminate()
+    for process in crew:
         try:
             process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
