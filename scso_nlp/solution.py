@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scso_nlp.exceptions import ScsoError
+from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
@@ -435,9 +436,16 @@ class Solution:
         actuators = np.abs(balance.actuators)
         shares = np.full(actuators.shape, np.nan)
         np.divide(100 * actuators, peak, out=shares, where=moved & (peak > NEGLIGIBLE_MOMENT))
-        residuals = {
-            unit: np.where(~moved & (np.array(balance.unit) == unit), actuators, np.nan)
+        base = self.problem.motion.trajectory.base_coordinates
+        floats = np.array([base is None or name in base for name in balance.coordinates], dtype=bool)
+        unmoved = {
+            (unit, floating): self._extreme(
+                balance.coordinates,
+                np.where(~moved & (floats == floating) & (np.array(balance.unit) == unit), actuators, np.nan),
+                unit,
+            )
             for unit in ("N", "N·m")
+            for floating in (True, False)
         }
         return Verdict(
             counts={s.name: names.count(s.name) for s in Status if s.name in names},
@@ -450,9 +458,27 @@ class Solution:
             else None,
             frames_missed=int(is_missed.sum()),
             reserve=self._extreme(balance.coordinates, shares, "%"),
-            residual_force=self._extreme(balance.coordinates, residuals["N"], "N"),
-            residual_moment=self._extreme(balance.coordinates, residuals["N·m"], "N·m"),
+            residual_force=unmoved["N", True],
+            residual_moment=unmoved["N·m", True],
+            motor_force=unmoved["N", False],
+            motor_moment=unmoved["N·m", False],
+            effort=self._effort(),
         )
+
+    def _effort(self) -> dict[str, float]:
+        """Sum the objective over the solved frames by what it is paid for."""
+        solved, motion = self.is_solved, self.problem.motion
+        effort = dict.fromkeys(("muscles", "other actuators", "misses", "other terms"), 0.0)
+        terms = {term.name: term for term in self.problem.objectives}
+        for name, value in self.objective_terms.items():
+            term = terms.get(name)
+            if isinstance(term, ActivationEffort):
+                parts = term.efforts(motion, self.activation[solved], self.control[solved])
+                effort["muscles"] += float(parts[0].sum())
+                effort["other actuators"] += float(parts[1].sum())
+            else:
+                effort["misses" if term is None else "other terms"] += value
+        return effort
 
     def _extreme(
         self, names: tuple[str, ...], table: FloatArray, unit: str | tuple[str, ...], sign: float = 1.0

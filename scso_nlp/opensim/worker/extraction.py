@@ -130,6 +130,7 @@ class Extraction:
                 "muscles": muscles["muscles"],
                 "actuators": actuators["actuators"],
                 "coordinates": [coordinates.names[k] for k in elimination.free],
+                "base_coordinates": self._base_coordinates(),
                 "is_rotational": coordinates.is_rotational[elimination.free].tolist(),
                 "force_columns": forces.columns,
                 "other_force_labels": forces.record_labels,
@@ -154,6 +155,21 @@ class Extraction:
         if self._derivatives is not None:
             header["curvature"] = {"coordinates": self._derivatives.names}
         return header
+
+    def _base_coordinates(self) -> list[str]:
+        """Name the free coordinates of joints that may both turn and shift against ground."""
+        model, coordinates = self._model, self._model.coordinates
+        free = self._poses.elimination.free
+        owners = [coordinates.items[k].getJoint().getAbsolutePathString() for k in free]
+        is_angle = coordinates.is_rotational[free]
+        floating = {
+            path
+            for path, inboard in zip(model.joints.paths, model.joints.inboard, strict=True)
+            if model.bodies.is_fixed(inboard)
+            and {bool(angle) for owner, angle in zip(owners, is_angle, strict=True) if owner == path}
+            == {False, True}
+        }
+        return [coordinates.names[k] for k, owner in zip(free, owners, strict=True) if owner in floating]
 
     def _notes(self) -> list[Note]:
         """Return what the user should know about columns, forces and coordinates that are left out."""
