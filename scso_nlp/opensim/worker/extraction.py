@@ -147,6 +147,7 @@ class Extraction:
             },
             "log": {
                 "notes": self._notes(),
+                "size": model.size(),
                 "eliminated": [coordinates.names[k] for k in elimination.gone],
             },
         }

@@ -46,6 +46,14 @@ class Model:
             [path.drives_mobilities for path in self.paths],
         )
 
+    def size(self) -> float:
+        """Return the largest distance between centers of bodies and joints in the default pose [m]."""
+        rotations, origins = self.bodies.poses(self.state)
+        centers = np.einsum("bij,bj->bi", rotations, self.bodies.mass_centers) + origins
+        joints = self.joints.at(self.state, rotations, origins).centers
+        points = np.concatenate([centers[1:], joints])
+        return float(np.linalg.norm(points[:, None] - points, axis=2).max(initial=0.0))
+
     def constraint_matrix(self, state: osim.State) -> FloatArray:
         """Return the matrix of the velocity constraints, shape (n_constraints, n_u)."""
         if not self.is_constrained:

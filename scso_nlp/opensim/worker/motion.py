@@ -24,6 +24,8 @@ SAME_TIME = 1e-6
 SUSPICIOUS_ROTATION = 4 * np.pi
 #: A column that is this many times what it should be, or the inverse, is in the other unit [rad/deg] ...
 RADIANS_PER_DEGREE = np.pi / 180.0
+#: and likewise millimetres for metres [m/mm] ...
+METRES_PER_MILLIMETRE = 1e-3
 #: ... by this relative tolerance [-] ...
 SAME_RATIO = 0.01
 #: ... where what is compared has the same course: least cosine of the angle between all values of both [-].
@@ -168,8 +170,18 @@ def _notes_on_speeds(
     DataError
         They are in another unit, and nobody said that they are to be read so.
     """
-    compared = model.coordinates.scales_with_degrees & np.isfinite(given).all(axis=0)
-    times = _other_unit(given[:, compared], derived[:, compared])
+    is_given = np.isfinite(given).all(axis=0)
+    shifts = ~model.coordinates.is_rotational & is_given
+    times = _other_unit(given[:, shifts], derived[:, shifts], METRES_PER_MILLIMETRE)
+    if times is not None:
+        names = ", ".join(name for name, shift in zip(model.coordinates.names, shifts, strict=True) if shift)
+        raise DataError(
+            f"{settings['speeds']}: the speeds of {names} are {times} the derivative of the coordinates in "
+            f"{settings['coordinates']}, so one of them is in millimetres: OpenSim reads metres, divide its "
+            "columns by 1000"
+        )
+    compared = model.coordinates.scales_with_degrees & is_given
+    times = _other_unit(given[:, compared], derived[:, compared], RADIANS_PER_DEGREE)
     if times is None:
         return []
     in_degrees = settings["speeds_in_degrees"]
@@ -202,12 +214,21 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
         if not has_column[[k, *coupler.where]].all():
             continue
         asked = np.array([coupler.value(row) for row in values])
-        times = _other_unit(values[:, k], asked)
-        if times is None:
-            continue
         partners = ", ".join(repr(coordinates.names[j]) for j in coupler.where)
         name = coordinates.names[k]
-        text = f"{source}: the column of {name!r} is {times} what its coupler makes of {partners}"
+        text = f"{source}: the column of {name!r} is {{}} what its coupler makes of {partners}"
+        times = _other_unit(values[:, k], asked, METRES_PER_MILLIMETRE)
+        if times is not None:
+            text = f"{text.format(times)}: one is in millimetres, OpenSim reads metres"
+            if settings["keep_coupled_speeds"]:
+                raise DataError(
+                    f"{text}; divide by 1000, take the column out, or set keep_coupled_speeds = false"
+                )
+            notes.append(("WARNING", text))
+        times = _other_unit(values[:, k], asked, RADIANS_PER_DEGREE)
+        if times is None:
+            continue
+        text = text.format(times)
         if coordinates.is_rotational[k] or not coordinates.scales_with_degrees[coupler.where].all():
             remedy = ", or set keep_coupled_speeds = false" if settings["keep_coupled_speeds"] else ""
             notes.append(("WARNING", f"{text}: its unit is wrong; take the column out{remedy}"))
@@ -223,17 +244,17 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
     return notes
 
 
-def _other_unit(found: FloatArray, expected: FloatArray) -> str | None:
-    """Tell how many times larger values are than expected, if that shows degrees for radians; else None."""
+def _other_unit(found: FloatArray, expected: FloatArray, unit: float) -> str | None:
+    """Tell how many times larger values are than expected, if that shows another unit; else None."""
     own, other = float((found**2).sum()), float((expected**2).sum())
     product = float((found * expected).sum())
     if not own * other > 0 or product < SAME_COURSE * math.sqrt(own * other):
         return None
     ratio = math.sqrt(own / other)
-    if abs(ratio * RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
-        return f"{ratio:.3g} times"
-    if abs(ratio / RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
-        return f"1/{1 / ratio:.3g} of"
+    if abs(ratio * unit - 1) <= SAME_RATIO:
+        return f"{ratio:.4g} times"
+    if abs(ratio / unit - 1) <= SAME_RATIO:
+        return f"1/{1 / ratio:.4g} of"
     return None
 
 
