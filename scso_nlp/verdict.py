@@ -107,7 +107,7 @@ class Verdict:
 
         Returns
         -------
-        frames and stability, reserves and residuals : str
+        frames, stability and effort; reserves, residuals and motors : str
         """
         counts = ", ".join(
             f"{n} {status.lower().replace('_', ' ')}"
@@ -120,6 +120,8 @@ class Verdict:
             first += f"; levels missed in {self.frames_missed} frames, most by {self.missed}"
         if self.margin is not None:
             first += f"; least margin {self.margin}"
+        paid = ", ".join(f"{amount:.4g} of {what}" for what, amount in self.effort.items() if amount)
+        first += f"; effort {paid}" if paid else ""
         second = "no reserves"
         if not any(status in self.counts for status in USABLE):
             second = "no frame is solved, so nothing is known of reserves"
@@ -131,14 +133,12 @@ class Verdict:
             )
         for what, force, moment in (
             ("residuals", self.residual_force, self.residual_moment),
-            ("motors of joints without muscles give", self.motor_force, self.motor_moment),
+            ("motors", self.motor_force, self.motor_moment),
         ):
             found = " and ".join(str(extreme) for extreme in (force, moment) if extreme is not None)
             second += f"; {what} at most {found}" if found else ""
         if self.beyond_limits:
             second += f"; OpenSim advises against {', '.join(self.beyond_limits)}"
-        paid = ", ".join(f"{amount:.4g} of {what}" for what, amount in self.effort.items() if amount)
-        second += f"; effort {paid}" if paid else ""
         if self._is_bought(baseline):
             second += "; stability is bought from reserves"
         return first, second

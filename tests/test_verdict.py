@@ -118,7 +118,7 @@ def test_motors_are_told_from_residuals_by_the_joint(rng):
     assert str(verdict.residual_moment) == f"80 N·m ({names[0]} {start}"
     assert str(verdict.motor_moment) == f"90 N·m ({names[2]} {start}"
     line = verdict.lines()[1]
-    assert f"; residuals at most {verdict.residual_moment}; motors of joints without muscles give" in line
+    assert f"; residuals at most {verdict.residual_moment}; motors at most {verdict.motor_moment}" in line
     assert verdict.beyond_limits[-1] == "a residual moment above 75 N·m"
     driven = dataclasses.replace(trajectory, base_coordinates=())
     problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=driven))
@@ -150,7 +150,7 @@ def test_effort_is_told_apart_by_what_it_is_paid_for(rng, exponent):
     assert found["misses"] == pytest.approx(1e-6 * solution.rows["JointStability"].missed.sum())
     assert found["other terms"] == pytest.approx(0.75)
     assert total + found["misses"] + found["other terms"] == pytest.approx(solution.objective, rel=1e-6)
-    assert f"; effort {found['muscles']:.4g} of muscles, " in solution.verdict.lines()[1]
+    assert f"; effort {found['muscles']:.4g} of muscles, " in solution.verdict.lines()[0]
 
 
 def test_failed_frames_have_no_part_in_it(rng):
