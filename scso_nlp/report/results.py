@@ -223,6 +223,7 @@ def write_where_free(
         _check_name(part)
     is_complete = bool(solution.is_solved.all())
     has_results = keep_failed or is_complete
+    report = _report(solution, record, baseline)
     makers = (RESULT_FILES if has_results else {}) | STATUS_FILE
     own = own_files(name, analysis_name)
     try:
@@ -232,7 +233,7 @@ def write_where_free(
                 folder /= FAILED
             _put(
                 solution,
-                record,
+                report,
                 folder,
                 own,
                 {p.format(name=name, analysis=analysis_name): m for p, m in makers.items()},
@@ -246,7 +247,7 @@ def write_where_free(
             if has_results and figures:
                 _write_figures(solution, folder, baseline)
                 try:
-                    _write_report(solution, record, folder, own)
+                    _write_report(report, folder, own)
                 except DataError as error:
                     _LOG.warning("the report lacks the figures: %s", error)
             return tuple(folder / file for file in (*_found(folder, own), REPORT))
@@ -287,7 +288,7 @@ def _found(folder: Path, own: re.Pattern[str]) -> list[str]:
 
 def _put(
     solution: Solution,
-    record: RunRecord,
+    report: Mapping[str, Any],
     folder: Path,
     own: re.Pattern[str],
     makers: Mapping[str, Callable[[Solution], Storage | str | None]],
@@ -298,7 +299,7 @@ def _put(
         new.mkdir(parents=True)
         for file, make in makers.items():
             _write(make(solution), new / file)
-        _write_report(solution, record, new, own)
+        _write_report(report, new, own)
         old.mkdir()
         for file in (REPORT, *_found(folder, own)):
             with contextlib.suppress(FileNotFoundError):
@@ -501,15 +502,15 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
         figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
 
 
-def _write_report(solution: Solution, record: RunRecord, folder: Path, own: re.Pattern[str]) -> None:
+def _write_report(report: Mapping[str, Any], folder: Path, own: re.Pattern[str]) -> None:
     """Write the report about a folder, with the hashes of the files that are there."""
     files = {name: sha256(folder / name) for name in _found(folder, own)}
-    text = json.dumps(_report(solution, record, files), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps({**report, "files_sha256": files}, indent=1, ensure_ascii=False, allow_nan=False)
     with write_whole(folder / REPORT) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:
+def _report(solution: Solution, record: RunRecord, baseline: Solution | None) -> dict[str, Any]:
     problem = solution.problem
     trajectory = problem.motion.trajectory
     balance = solution.moment_balance
@@ -536,7 +537,7 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
         },
         "settings": dict(record.settings),
         "inputs_sha256": dict(record.inputs),
-        "files_sha256": dict(files),
+        "files_sha256": {},
         "versions": dict(solution.report.versions),
         "solver": {
             "name": solution.report.solver,
@@ -553,7 +554,10 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
         "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
         "status_counts": counts,
         "frame_status": [status.name for status in statuses],
-        "verdict": {**asdict(solution.verdict), "lines": solution.verdict.lines()},
+        "verdict": {
+            **asdict(solution.verdict),
+            "lines": solution.verdict.lines(baseline.verdict if baseline else None),
+        },
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
         "notes": list(record.notes),
     }

@@ -306,6 +306,19 @@ def test_the_report_is_strict_json_with_what_is_needed_to_reproduce(tmp_path):
     assert list(report["files_sha256"]) == [status.name]
 
 
+def test_the_report_says_what_the_terminal_says_beside_the_baseline(tmp_path):
+    solution = solution_by_hand(tonus=0.1)
+    balance = solution.moment_balance
+    baseline = replace(solution, moment_balance=replace(balance, actuators=balance.actuators / 2))
+    more = replace(solution, moment_balance=replace(balance, actuators=3 * balance.actuators))
+    for judged in (solution, more):
+        write(judged, tmp_path / "results", baseline=baseline)
+        report = json.loads((tmp_path / "results" / "report.json").read_text())
+        assert report["verdict"]["lines"] == list(judged.verdict.lines(baseline.verdict))
+        assert report["verdict"]["effort"] == judged.verdict.effort
+    assert report["verdict"]["lines"][1].endswith("stability is bought from reserves")
+
+
 @pytest.mark.parametrize("broken", ["_force.sto", "_controls.xml", "_status.sto", "report.json"])
 @pytest.mark.parametrize("exists", [False, True])
 def test_a_full_disk_leaves_what_was_there_before(tmp_path, monkeypatch, broken, exists):
