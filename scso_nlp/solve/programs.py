@@ -12,7 +12,7 @@ import numpy as np
 
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution, Status
-from scso_nlp.solve.feasibility import infeasible_rows, least_effort, out_of_reach
+from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, out_of_reach
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
@@ -74,12 +74,12 @@ def solve_rows(
     """
     started = time.perf_counter()
     n = program.time.size
-    shortfalls = out_of_reach(program)
-    for k in sorted(set(doubtful) - {shortfall.frame for shortfall in shortfalls}):
-        shortfalls += infeasible_rows(program, k)
-    lost = {shortfall.frame for shortfall in shortfalls}
-    if program.is_coupled and lost:
-        lost = set(range(n))
+    impossible = out_of_reach(program)
+    for k in sorted(set(doubtful) - set(impossible)):
+        found = contradiction(program, np.array([k]))
+        if found is not None:
+            impossible[k] = found
+    lost = set(range(n)) if program.is_coupled and impossible else set(impossible)
     run = _Run(
         program=program,
         options=options,
@@ -92,7 +92,7 @@ def solve_rows(
         ),
         status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
         scale=FrameScale.of_weights(program, frame_weights(program, start)),
-        proven=set(lost),
+        impossible=impossible,
     )
     effort.build_seconds += time.perf_counter() - started
     if run.waiting.size:
@@ -105,16 +105,13 @@ def solve_rows(
         unknowns=run.unknowns,
         multipliers=run.multipliers,
         status=tuple(s if s is not None else Status.NUMERICAL_ERROR for s in run.status),
-        shortfalls=tuple(shortfalls),
+        impossible=tuple(run.impossible.values()),
     )
 
 
 @dataclass(kw_only=True)
 class _Run:
-    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting).
-
-    `proven` are the frames that are known to be infeasible.
-    """
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
 
     program: FrameProgram
     options: SolverOptions
@@ -124,7 +121,7 @@ class _Run:
     multipliers: tuple[FloatArray, FloatArray]
     status: list[Status | None]
     scale: FrameScale
-    proven: set[int]
+    impossible: dict[int, Impossible]
     bounds: tuple[FloatArray, FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -152,9 +149,8 @@ class _Run:
                 self._set(block, answer.status)
                 return
             _LOG.info("%d frames were not solved together (%s)", block.size, answer.status.name)
-            lost += [int(k) for k in block if infeasible_rows(self.program, int(k))]
+            lost += [int(k) for k in block if self._is_impossible(int(k))]
         self._set(lost, Status.INFEASIBLE)
-        self.proven |= set(lost)
         if lost and self.waiting.size:
             _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
             self.together()
@@ -180,7 +176,7 @@ class _Run:
         waiting = np.isfinite(worst) & (worst > OPTIMALITY_TOLERANCE)
         afresh = np.isinf(worst)
         for k in np.flatnonzero(afresh):
-            afresh[k] = int(k) not in self.proven and not infeasible_rows(self.program, int(k))
+            afresh[k] = not self._is_impossible(int(k))
         fresh = starting_point(self.program, None)
         for k in np.flatnonzero(waiting | afresh):
             point = least_effort(self.program, int(k))
@@ -204,6 +200,15 @@ class _Run:
             waiting = open_ & better
             afresh = open_ & ~better & may_start_afresh
             may_start_afresh &= ~afresh
+
+    def _is_impossible(self, frame: int) -> bool:
+        """Tell whether rows of a frame contradict each other, and keep the proof."""
+        if frame not in self.impossible:
+            found = contradiction(self.program, np.array([frame]))
+            if found is None:
+                return False
+            self.impossible[frame] = found
+        return True
 
     def _worst(self) -> FloatArray:
         """How far each frame is from its optimum, shape (n_frames,); infinite where it is not solved."""
