@@ -53,10 +53,13 @@ class Outcome:
     unknowns : ndarray, shape (n_frames, n_unknowns)
         NaN in frames for which no solver was called.
     multipliers : pair of ndarray, shapes (n_frames, n_rows) and (n_frames - 1, n_pair_rows)
-        In the solver's sign and scale, of the unweighted objective; NaN where there are none.
+        In the solver's sign and scale, of the unweighted objective of unknowns over `unit`; NaN where there
+        are none.
     status : tuple of Status
     impossible : tuple of Impossible
         Rows proven to contradict each other while solving.
+    unit : ndarray, shape (n_frames,), or None
+        1 if not given, and where the objective has no degree.
     """
 
     program: FrameProgram
@@ -64,6 +67,7 @@ class Outcome:
     multipliers: tuple[FloatArray, FloatArray]
     status: tuple[Status, ...]
     impossible: tuple[Impossible, ...] = ()
+    unit: FloatArray | None = None
 
 
 def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> Solution:
@@ -85,9 +89,12 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
     motion = program.problem.motion
     missing = np.asarray(np.isnan(outcome.unknowns).any(axis=1))
     finite = np.nan_to_num(outcome.unknowns)
-    rows = _row_results(program, finite, outcome.multipliers, missing)
-    matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
-    optimality = optimality_of(program, finite, outcome.multipliers, ~missing)
+    optimality = optimality_of(program, finite, outcome.multipliers, ~missing, outcome.unit)
+    multipliers = outcome.multipliers
+    if outcome.unit is not None and program.degree is not None:
+        multipliers = (multipliers[0] * outcome.unit[:, None] ** program.degree, multipliers[1])
+    rows = _row_results(program, finite, multipliers, missing)
+    matrices = _matrix_results(program, finite, multipliers[0], missing)
     worst = np.nan_to_num(optimality.worst, nan=np.inf) if is_graded else np.zeros(missing.size)
     status, shortfalls, proofs = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
     solved: BoolArray = np.array([s.is_solved for s in status])

@@ -93,6 +93,7 @@ def solve_rows(
         status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
         scale=FrameScale.of_weights(program, frame_weights(program, start)),
         impossible=impossible,
+        unit=np.ones(n),
     )
     effort.build_seconds += time.perf_counter() - started
     if run.waiting.size:
@@ -106,12 +107,16 @@ def solve_rows(
         multipliers=run.multipliers,
         status=tuple(s if s is not None else Status.NUMERICAL_ERROR for s in run.status),
         impossible=tuple(run.impossible.values()),
+        unit=run.unit,
     )
 
 
 @dataclass(kw_only=True)
 class _Run:
-    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting)."""
+    """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting).
+
+    Multipliers are those of the objective of unknowns over `unit`.
+    """
 
     program: FrameProgram
     options: SolverOptions
@@ -122,6 +127,7 @@ class _Run:
     status: list[Status | None]
     scale: FrameScale
     impossible: dict[int, Impossible]
+    unit: FloatArray
     bounds: tuple[FloatArray, FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -188,13 +194,15 @@ class _Run:
             loose = np.flatnonzero(waiting | afresh)
             self.start = np.where(afresh[:, None], fresh, self.unknowns)
             self.scale = own_scale(self.program, self.start)
-            kept = self.unknowns.copy(), self.multipliers[0].copy(), list(self.status)
+            kept = self.unknowns.copy(), self.multipliers[0].copy(), list(self.status), self.unit.copy()
             for k in loose:
                 self.status[k] = self._call(*compiled, np.array([k])).status
             found = self._worst()
             better = found < _NEARER * worst
             for k in loose[~better[loose]]:
-                self.unknowns[k], self.multipliers[0][k], self.status[k] = kept[0][k], kept[1][k], kept[2][k]
+                self.unknowns[k], self.multipliers[0][k], self.status[k], self.unit[k] = (
+                    values[k] for values in kept
+                )
             worst = np.where(better, found, worst)
             open_ = (waiting | afresh) & (worst > OPTIMALITY_TOLERANCE)
             waiting = open_ & better
@@ -214,7 +222,7 @@ class _Run:
         """How far each frame is from its optimum, shape (n_frames,); infinite where it is not solved."""
         solved = np.array([s is not None and s.is_solved for s in self.status])
         unknowns = np.where(solved[:, None], self.unknowns, self.start)
-        found = optimality_of(self.program, unknowns, self.multipliers, solved).worst
+        found = optimality_of(self.program, unknowns, self.multipliers, solved, self.unit).worst
         return np.where(solved, np.nan_to_num(found, nan=np.inf), np.inf)
 
     def _rest(self, worst: FloatArray) -> None:
@@ -247,6 +255,8 @@ class _Run:
         self.unknowns[frames] = np.clip(
             answer.x.reshape(frames.size, -1) * size, *(b[frames] for b in self.bounds)
         )
+        if nlp.is_scaled and self.program.degree is not None:
+            self.unit[frames] = size[:, 0]
         one, pair = nlp.multipliers(answer.lam_g, frames, self.scale)
         self.multipliers[0][frames] = one
         if frames.size > 1 and pair.size:
@@ -299,12 +309,13 @@ def own_scale(program: FrameProgram, unknowns: FloatArray) -> FrameScale:
     size = np.ones(len(unknowns))
     if not program.split.nonlinear:
         size = np.clip(np.abs(unknowns).max(axis=1, initial=0.0), _LEAST_SCALE, 1.0)
+    own = unknowns if program.degree is None else unknowns / size[:, None]
     rows = np.zeros((len(unknowns), len(program.rows)))
     entries = np.abs(affine.values) * size[:, None]
     for entry, row in enumerate(affine.row):
         rows[:, row] = np.maximum(rows[:, row], entries[:, entry])
     return FrameScale(
-        weight=1.0 / _objective_size(program, unknowns, ()),
+        weight=1.0 / _objective_size(program, own, ()),
         unknowns=size,
         rows=np.where(rows > 0, rows, 1.0),
     )

@@ -25,7 +25,8 @@ class FrameScale:
     weight : ndarray, shape (n_frames,)
         Multiplies the objective.
     unknowns : ndarray, shape (n_frames,)
-        Unknowns are those of the solver times this; 1 in a program of several frames.
+        Unknowns are those of the solver times this; 1 in a program of several frames. An objective that has
+        a degree is that of the solver's unknowns, before its weight: its powers do not vanish.
     rows : ndarray, shape (n_frames, n_rows)
         Rows are those of the solver times this; 1 for rows that are not affine.
     """
@@ -173,7 +174,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     """
     size, split = program.layout.size, program.split
     x = ca.MX.sym("x", size * n_frames)
-    by_frame = ca.reshape(x, size, n_frames)
+    own = by_frame = ca.reshape(x, size, n_frames)
     coupled = n_frames > 1
     affine = (split.affine, split.affine_pairs) if coupled else (split.affine,)
     nonlinear = tuple((piece, rows) for piece, rows in split.nonlinear if coupled or not piece.is_pair)
@@ -199,9 +200,9 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
         by_frame = by_frame * ca.repmat(sizes.T, size, 1)
     data_keys: list[tuple[int, Key, bool]] = []
 
-    def mapped(piece: Piece) -> ca.MX:
+    def mapped(piece: Piece, unknowns: ca.MX = by_frame) -> ca.MX:
         n = n_frames - piece.is_pair
-        columns = [by_frame[:, i : i + n] for i in range(len(piece.unknowns))]
+        columns = [unknowns[:, i : i + n] for i in range(len(piece.unknowns))]
         for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
             entry = ca.MX.sym(key[1], symbol.numel() * n)
             parameters.append(entry)
@@ -214,7 +215,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     for _, piece in program.objectives:
         if piece.is_pair and n_frames == 1:
             continue
-        values = ca.vec(mapped(piece))
+        values = ca.vec(mapped(piece, by_frame if program.degree is None else own))
         objective += weights[0] * ca.sum1(values) if piece.is_pair else ca.dot(weights, values)
         gradient = ca.gradient(piece.expression, piece.all_unknowns)
         quadratic &= not any(curved(gradient, piece.all_unknowns))
