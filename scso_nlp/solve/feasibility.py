@@ -203,11 +203,20 @@ def contradiction(program: FrameProgram, frames: IntArray) -> Impossible | None:
     )
 
 
-def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
+def least_effort(
+    program: FrameProgram, frame: int, bounds: tuple[FloatArray, FloatArray]
+) -> FloatArray | None:
     """Keep the affine rows of one frame with the least largest unknown, by a linear program.
 
     The optimum of a sum of powers p of n unknowns has at most :math:`n^{1/p}` times this largest unknown,
     so it gives the frame's scale.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    frame : int
+    bounds : pair of ndarray, shape (n_unknowns,)
+        Of the scaled unknowns.
 
     Returns
     -------
@@ -221,19 +230,23 @@ def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
     matrix = system.matrix.toarray()[used]
     size = np.abs(matrix).max(axis=1, initial=0.0)
     matrix, low, high = (matrix / size[:, None], system.row_lower[used] / size, system.row_upper[used] / size)
+    above, below = np.isfinite(low), np.isfinite(high)
+    # HiGHS's tolerances are absolute: rows and what they ask for are brought near one.
+    unit = np.abs(np.concatenate([low[above], high[below]])).max(initial=0.0) or 1.0
     eye, one = np.eye(system.lower.size), np.ones((system.lower.size, 1))
     nothing = np.zeros((len(matrix), 1))
-    a_ub = np.vstack(
-        [
-            np.hstack([-matrix, nothing])[np.isfinite(low)],
-            np.hstack([matrix, nothing])[np.isfinite(high)],
-            np.hstack([eye, -one]),
-            np.hstack([-eye, -one]),
-        ]
-    )
-    b_ub = np.concatenate([-low[np.isfinite(low)], high[np.isfinite(high)], np.zeros(2 * system.lower.size)])
-    limits = [*zip(system.lower, system.upper, strict=True), (0.0, np.inf)]
     result = linprog(
-        np.append(np.zeros(system.lower.size), 1.0), A_ub=a_ub, b_ub=b_ub, bounds=limits, method="highs"
+        np.append(np.zeros(system.lower.size), 1.0),
+        A_ub=np.vstack(
+            [
+                np.hstack([-matrix, nothing])[above],
+                np.hstack([matrix, nothing])[below],
+                np.hstack([eye, -one]),
+                np.hstack([-eye, -one]),
+            ]
+        ),
+        b_ub=np.concatenate([-low[above] / unit, high[below] / unit, np.zeros(2 * system.lower.size)]),
+        bounds=np.column_stack([np.append(bounds[0] / unit, 0.0), np.append(bounds[1] / unit, np.inf)]),
+        method="highs",
     )
-    return np.clip(result.x[:-1], system.lower, system.upper) if result.success else None
+    return np.clip(unit * result.x[:-1], *bounds) if result.success else None

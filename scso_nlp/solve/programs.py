@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -19,7 +19,7 @@ from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
-from scso_nlp.validation import FloatArray, IntArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -171,43 +171,63 @@ class _Run:
             self.status[k] = self._call(nlp, solver, np.array([k])).status
 
     def again(self) -> None:
-        """Solve frames that are not at their optimum again, alone and on their own scale, while it helps.
-
-        They start where they are, or else, and if they failed, from the terms' own guesses.
-        """
+        """Solve frames that are not at their optimum again, alone and on their own scale, while it helps."""
         worst = self._worst()
-        if (worst <= OPTIMALITY_TOLERANCE).all():
-            return
         self._rest(worst)
-        waiting = np.isfinite(worst) & (worst > OPTIMALITY_TOLERANCE)
-        afresh = np.isinf(worst)
-        for k in np.flatnonzero(afresh):
-            afresh[k] = not self._is_impossible(int(k))
-        fresh = starting_point(self.program, None)
-        for k in np.flatnonzero(waiting | afresh):
-            point = least_effort(self.program, int(k))
-            fresh[k] = fresh[k] if point is None else point
-        may_start_afresh = waiting.copy()
-        compiled = None
-        while (waiting | afresh).any():
-            compiled = compiled or self._build(1, is_scaled=True)
-            loose = np.flatnonzero(waiting | afresh)
-            self.start = np.where(afresh[:, None], fresh, self.unknowns)
-            self.scale = own_scale(self.program, self.start)
-            kept = self.unknowns.copy(), self.multipliers[0].copy(), list(self.status), self.unit.copy()
-            for k in loose:
-                self.status[k] = self._call(*compiled, np.array([k])).status
-            found = self._worst()
-            better = found < _NEARER * worst
-            for k in loose[~better[loose]]:
-                self.unknowns[k], self.multipliers[0][k], self.status[k], self.unit[k] = (
-                    values[k] for values in kept
-                )
-            worst = np.where(better, found, worst)
-            open_ = (waiting | afresh) & (worst > OPTIMALITY_TOLERANCE)
-            waiting = open_ & better
-            afresh = open_ & ~better & may_start_afresh
-            may_start_afresh &= ~afresh
+        failed = np.isinf(worst)
+        open_ = worst > OPTIMALITY_TOLERANCE
+        for k in np.flatnonzero(failed):
+            open_[k] = not self._is_impossible(int(k))
+        if not open_.any():
+            return
+        compiled = self._build(1, is_scaled=True)
+        for start, bounds in self._beginnings(np.flatnonzero(open_), failed):
+            going = open_ & np.isfinite(start).all(axis=1)
+            self.start, self.bounds = np.where(going[:, None], start, 0.0), bounds
+            while going.any():
+                better = self._nearer(compiled, np.flatnonzero(going), worst)
+                open_ &= worst > OPTIMALITY_TOLERANCE
+                going &= open_ & better
+                self.start = self.unknowns
+        self.bounds = self.program.bounds()
+
+    def _beginnings(
+        self, frames: IntArray, failed: BoolArray
+    ) -> Iterator[tuple[FloatArray, tuple[FloatArray, FloatArray]]]:
+        """Where frames begin again, NaN in those that do not, and the bounds of their unknowns.
+
+        Where they are, unless they failed; at the least effort that keeps their rows; and, with prices that
+        hide the effort, with all levels kept: that is the optimum too if none is worth its price.
+        """
+        yield np.where(failed[:, None], np.nan, self.unknowns), self.bounds
+        guess = starting_point(self.program, None)
+        lower, upper = self.program.bounds()
+        kept = np.where(self.program.is_miss, lower, upper)
+        for most in (upper, kept) if self.program.is_miss.any() else (upper,):
+            start = np.full_like(guess, np.nan)
+            for k in frames:
+                point = least_effort(self.program, int(k), (lower[k], most[k]))
+                if point is not None:
+                    start[k] = point
+                elif most is upper:
+                    start[k] = guess[k]
+            yield start, (lower, most)
+
+    def _nearer(self, compiled: tuple[Nlp, ca.Function], frames: IntArray, worst: FloatArray) -> BoolArray:
+        """Solve frames once more; keep what is nearer to the optimum, and tell which are, in all frames."""
+        self.scale = own_scale(self.program, self.start)
+        state = (self.unknowns, self.multipliers[0], self.unit)
+        before, status = [values.copy() for values in state], list(self.status)
+        for k in frames:
+            self.status[k] = self._call(*compiled, np.array([k])).status
+        found = self._worst()
+        better = found < _NEARER * worst
+        for k in frames[~better[frames]]:
+            self.status[k] = status[k]
+            for values, earlier in zip(state, before, strict=True):
+                values[k] = earlier[k]
+        worst[better] = found[better]
+        return better
 
     def _is_impossible(self, frame: int) -> bool:
         """Tell whether rows of a frame contradict each other, and keep the proof."""

@@ -24,7 +24,7 @@ from scso_nlp.transcription.rows import (
     row_block,
     split_table,
 )
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray
 
 _DT: Key = ("problem", "dt")
 
@@ -84,6 +84,18 @@ class FrameProgram:
         if len(self.objectives) > len(terms):  # the others are prices, by which misses are multiplied
             found.add(1.0)
         return found.pop() if len(found) == 1 else None
+
+    @property
+    def is_miss(self) -> BoolArray:
+        """Tell which unknowns are what rows or matrices may be missed by, shape (n_unknowns,)."""
+        found = np.zeros(self.layout.size, dtype=bool)
+        for block in self.rows.blocks:
+            if block.missed is not None:
+                found[block.missed : block.missed + len(block.names)] = True
+        for matrix in self.matrices:
+            if matrix.missed is not None:
+                found[matrix.missed] = True
+        return found
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the scaled unknowns, shape (n_frames, size)."""
