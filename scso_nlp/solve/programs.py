@@ -16,6 +16,7 @@ from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, 
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solve.presolve import Start, presolve
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
@@ -96,6 +97,8 @@ def solve_rows(
         unit=np.ones(n),
     )
     effort.build_seconds += time.perf_counter() - started
+    if options.presolve:
+        run.confirm(options.frames_per_program if together else 1)
     if run.waiting.size:
         run.together() if together else run.one_by_one()
         if not program.is_coupled:
@@ -137,6 +140,30 @@ class _Run:
     def waiting(self) -> IntArray:
         """Frames without a status."""
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
+
+    def confirm(self, frames_per_program: int) -> None:
+        """Find the optima of convex frames one by one, and let the solver confirm them."""
+        started = time.perf_counter()
+        exact = presolve(self.program, self.start, self.waiting)
+        for k in np.flatnonzero(exact.is_doubtful):
+            if infeasible_rows(self.program, int(k)):
+                self.status[k] = Status.INFEASIBLE
+                self.proven.add(int(k))
+        self.effort.solve_seconds += time.perf_counter() - started
+        frames = np.flatnonzero(exact.is_optimal)
+        if not frames.size:
+            return
+        start, scale = self.start, self.scale
+        self.start = exact.unknowns
+        self.scale = FrameScale.of_weights(self.program, 1 / _objective_size(self.program, self.start, ()))
+        built: dict[int, tuple[Nlp, ca.Function]] = {}
+        for block in np.array_split(frames, -(-frames.size // frames_per_program)):
+            if block.size not in built:
+                built[block.size] = self._build(block.size, is_confirming=True)
+            self._call(*built[block.size], block, exact)
+        self.start, self.scale = start, scale
+        for k in frames[self._worst()[frames] > OPTIMALITY_TOLERANCE]:
+            self.status[k] = None
 
     def together(self) -> None:
         """Solve the waiting frames as few programs; where they fail, find out which and go on without."""
@@ -254,15 +281,23 @@ class _Run:
             self.unknowns[k], self.multipliers[0][k] = rest[k], 0.0
             self.status[k], worst[k] = Status.SOLVED, found[k]
 
-    def _build(self, n_frames: int, *, is_scaled: bool = False) -> tuple[Nlp, ca.Function]:
+    def _build(
+        self, n_frames: int, *, is_scaled: bool = False, is_confirming: bool = False
+    ) -> tuple[Nlp, ca.Function]:
         started = time.perf_counter()
         nlp = build_nlp(self.program, n_frames, is_scaled=is_scaled)
-        solver = compile_ipopt(nlp, self.options)
+        solver = compile_ipopt(nlp, self.options, is_confirming=is_confirming)
         self.effort.build_seconds += time.perf_counter() - started
         return nlp, solver
 
-    def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
+    def _call(
+        self, nlp: Nlp, solver: ca.Function, frames: IntArray, exact: Start | None = None
+    ) -> IpoptAnswer:
         started = time.perf_counter()
+        multipliers = None
+        if exact is not None:
+            bounds = -exact.reduced_cost[frames] * self.scale.weight[frames, None]
+            multipliers = bounds.ravel(), nlp.row_multipliers(exact.multipliers, frames, self.scale)
         size = self.scale.unknowns[frames, None]
         lower, upper = (bound[frames] / size for bound in self.bounds)
         answer = call_ipopt(
@@ -271,6 +306,7 @@ class _Run:
             p=nlp.parameters(frames, self.scale),
             bounds=(lower.ravel(), upper.ravel()),
             row_bounds=nlp.row_bounds(frames, self.scale),
+            multipliers=multipliers,
         )
         self.unknowns[frames] = np.clip(
             answer.x.reshape(frames.size, -1) * size, *(b[frames] for b in self.bounds)
