@@ -49,10 +49,11 @@ _KEPT_PROMISE = 1e-4
 _TOLERANCE = 1e-8
 
 #: Steps that take back what rounding has missed, and their regularization [-].
-_SETTLING_STEPS, _RIDGE = 2, 1e-12
+_SETTLING_STEPS, _RIDGE = 4, 1e-12
 
 _EQUATION, _INEQUALITY = 5, 0
-_OPTIMAL, _INFEASIBLE = 1, -1
+#: Flags of DAQP: optimal, to rounding only, infeasible.
+_OPTIMAL, _ROUNDED, _INFEASIBLE = 1, 4, -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,7 +261,7 @@ class _Block:
                 primal_start=here / size,
                 primal_tol=_TOLERANCE,
             )
-            if flag == _OPTIMAL:
+            if flag in (_OPTIMAL, _ROUNDED):
                 self.multipliers[k] = 0.0
                 self.multipliers[k, used] = most * size * info["lam"][here.size :] / self.length[k, used]
                 return np.clip(size * found, self.lower[k], self.upper[k]), is_exact
@@ -281,7 +282,8 @@ class _Block:
             aim = np.where(pushed & (self.multipliers > 0), self.most, aim)
             is_tight = self.used & (pushed | (aim != value))
             left = np.where(is_tight & np.isfinite(aim), aim - value, 0.0)
-            free = (x > self.lower) & (x < self.upper)
+            near = _TOLERANCE * np.abs(x).max(axis=1, initial=0.0, keepdims=True)
+            free = (x > self.lower + near) & (x < self.upper - near)
             tight = self.matrix * is_tight[:, :, None] * free[:, None, :]
             gram = tight @ tight.transpose(0, 2, 1)
             size = np.einsum("krr->kr", gram)

@@ -157,10 +157,13 @@ class _Run:
         self.start = exact.unknowns
         self.scale = FrameScale.of_weights(self.program, 1 / _objective_size(self.program, self.start, ()))
         built: dict[int, tuple[Nlp, ca.Function]] = {}
-        for block in np.array_split(frames, -(-frames.size // frames_per_program)):
+        blocks = list(np.array_split(frames, -(-frames.size // frames_per_program)))
+        while blocks:
+            block = blocks.pop(0)
             if block.size not in built:
                 built[block.size] = self._build(block.size, is_confirming=True)
-            self._call(*built[block.size], block, exact)
+            if not self._call(*built[block.size], block, exact).status.is_solved and block.size > 1:
+                blocks += np.array_split(block, block.size)
         self.start, self.scale = start, scale
         for k in frames[self._worst()[frames] > OPTIMALITY_TOLERANCE]:
             self.status[k] = None
