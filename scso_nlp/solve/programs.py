@@ -146,9 +146,8 @@ class _Run:
         started = time.perf_counter()
         exact = presolve(self.program, self.start, self.waiting)
         for k in np.flatnonzero(exact.is_doubtful):
-            if infeasible_rows(self.program, int(k)):
+            if self._is_impossible(int(k)):
                 self.status[k] = Status.INFEASIBLE
-                self.proven.add(int(k))
         self.effort.solve_seconds += time.perf_counter() - started
         frames = np.flatnonzero(exact.is_optimal)
         if not frames.size:

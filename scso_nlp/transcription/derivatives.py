@@ -118,12 +118,13 @@ def derivative_functions(
     for mapped in nonlinear:
         n_rows = mapped.piece.expression.numel()
         derivatives = first_order(mapped.piece)
+        entries = mapped.outputs(mapped.piece.function(derivatives.entries))
         frame = np.arange(mapped.n)[:, None]
         jacobian.append(
             Entries(
                 row=(first + frame * n_rows + derivatives.row).ravel(),
                 column=(frame * size + derivatives.column).ravel(),
-                values=ca.vec(_times(mapped.chain, mapped.outputs(mapped.piece.function(derivatives.entries)))),
+                values=ca.vec(_times(mapped.chain, entries)),
             )
         )
         multipliers = ca.reshape(lam_g[first : first + n_rows * mapped.n], n_rows, mapped.n)
