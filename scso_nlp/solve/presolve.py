@@ -27,6 +27,12 @@ _FRAMES_AT_ONCE = 64
 #: Most quadratic programs of one frame.
 _MOST_STEPS = 60
 
+#: Curvature that a linear objective is given, over its slope and the size of the unknowns [-].
+_FLATNESS = 0.3
+
+#: How much nearer to a bound the curvature is taken with every step [-].
+_BESIDE = 0.5
+
 #: Most halvings of a step.
 _MOST_HALVINGS = 30
 
@@ -189,10 +195,15 @@ class _Block:
         if not self.objective.is_quadratic:
             self._make_feasible()
             going = self.is_feasible.copy()
-        for _ in range(_MOST_STEPS):
+        for n_steps in range(_MOST_STEPS):
             if not going.any():
                 return
             gradient, hessian = self.objective.near(self.unknowns, self.arrays)
+            if not np.isfinite(hessian).all():
+                # powers below 2 have no curvature at zero: that of a point beside it, nearer with every step
+                size = np.abs(self.unknowns).max(axis=1, initial=0.0, keepdims=True)
+                beside = np.maximum(self.unknowns, np.minimum(size * _BESIDE**n_steps, self.upper))
+                _, hessian = self.objective.near(beside, self.arrays)
             step, is_exact = np.zeros_like(self.unknowns), np.zeros(going.size, dtype=bool)
             for k in np.flatnonzero(going):
                 target, is_exact[k] = self._target(int(k), gradient[k], hessian[k])
@@ -238,7 +249,7 @@ class _Block:
         if not (is_finite and curvature.min(initial=0.0) >= 0):
             return None, False
         if most == 0:
-            most = np.abs(gradient).max(initial=0.0) / size or 1.0
+            most = _FLATNESS * np.abs(gradient).max(initial=0.0) / size or 1.0
         lower = np.append(self.lower[k], self.least[k, used])
         upper = np.append(self.upper[k], self.most[k, used])
         is_equation = np.where(lower == upper, _EQUATION, _INEQUALITY).astype(np.int32)
