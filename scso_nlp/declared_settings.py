@@ -307,6 +307,8 @@ SETTINGS = {setting.name: setting for setting in (
     Setting("max_iterations", COUNT, SOLVER, example="500", default="500", help="Iterations per program"),
     Setting("frames_per_program", COUNT, SOLVER, example="128", default="128",
         help="Cut longer motions into programs of so many frames; the answer does not depend on it"),
+    Setting("presolve", FLAG, SOLVER, example="true", default="true",
+        help="Start IPOPT at the optima of the frames, where these are found one by one"),
     Setting("output", PATH, OUTPUT, place="output.folder", example='"results"',
         default="scso_results/<name of the file that is run>, beside it", help="Folder of the results"),
     Setting("overwrite", FLAG, OUTPUT, example="false", default="false: the next free name, <folder>_2",

@@ -102,6 +102,7 @@ ARRIVES = {
     "tolerance": ("1e-6", "1e-6", 1e-6),
     "max_iterations": ("50", "50", 50),
     "frames_per_program": ("7", "7", 7),
+    "presolve": (False, "false", False),
     "output": ("out", '"out"', Path("out")),
     "overwrite": (True, "true", True),
     "keep_failed": (True, "true", True),

@@ -42,8 +42,8 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
     for line in result.verdict_lines:
         typer.echo(f"  {line}")
-    for shortfall in solution.shortfalls[1:5]:
-        typer.echo(f"  {shortfall}", err=True)
+    for reason in (*solution.shortfalls[1:5], *solution.contradictions[:1]):
+        typer.echo(f"  {reason}", err=True)
     report = solution.report
     seconds = {**result.record.seconds, "solve": report.build_seconds + report.solve_seconds}
     typer.echo("  " + ", ".join(f"{what} {value:.2f} s" for what, value in seconds.items()))

@@ -180,6 +180,11 @@ class ActivationEffort(FrameObjective):
             return Rows(value=value, lower=0.0, upper=0.0, names=names, unit="-")
         return None
 
+    @property
+    def degree(self) -> float:
+        """The exponent; 1 for min/max."""
+        return self.exponent if math.isfinite(self.exponent) else 1.0
+
     def gentler(self) -> ActivationEffort | None:
         """Half the exponent, for exponents whose powers are flat far from the optimum."""
         if math.isinf(self.exponent) or self.exponent <= _STEEP_EXPONENT:

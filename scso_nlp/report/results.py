@@ -56,6 +56,7 @@ STATUS_CODES = {
     Status.NUMERICAL_ERROR: 4,
     Status.NOT_OPTIMAL: 5,
     Status.STABILITY_MISSED: 6,
+    Status.LOCALLY_INFEASIBLE: 7,
 }
 #: Violation of a frame that has no iterate, in the status file: OpenSim's Storage stops reading at NaN.
 NO_ITERATE = -1.0
@@ -559,6 +560,9 @@ def _report(solution: Solution, record: RunRecord, baseline: Solution | None) ->
             "lines": solution.verdict.lines(baseline.verdict if baseline else None),
         },
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
+        "infeasibility": [
+            {**asdict(proof), "margin": proof.margin, "text": str(proof)} for proof in solution.infeasibility
+        ],
         "notes": list(record.notes),
     }
     plain: dict[str, Any] = _plain(report)

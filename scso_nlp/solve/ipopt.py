@@ -33,6 +33,22 @@ _STATUS = {
 }
 
 
+#: Barrier parameter of a start at the optimum, over the tolerance [-].
+_LAST_BARRIER = 1e-4
+
+#: Options for starts at the optimum: stay there, or give up soon.
+_CONFIRMING: dict[str, object] = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-14,
+    "warm_start_bound_frac": 1e-14,
+    "warm_start_slack_bound_push": 1e-14,
+    "warm_start_slack_bound_frac": 1e-14,
+    "warm_start_mult_bound_push": 1e-12,
+    "mu_strategy": "monotone",
+    "max_iter": 30,
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions:
     """Options of both solvers.
@@ -47,6 +63,9 @@ class SolverOptions:
         Where no term couples frames, `solve_trajectory` cuts longer motions into programs of this size at
         most, because one difficult frame shortens the steps of all frames of its program. The answer does
         not depend on it; coupled motions are never cut.
+    presolve : bool
+        Whether frames with a convex objective and affine rows are first solved one by one, by a sequence of
+        quadratic programs: IPOPT then starts at their optima and confirms them.
     ipopt : mapping of str to number or str
         Further IPOPT options by their own names; they win.
     """
@@ -54,6 +73,7 @@ class SolverOptions:
     tolerance: float = 1e-8
     max_iterations: int = 500
     frames_per_program: int = 128
+    presolve: bool = True
     ipopt: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -75,8 +95,16 @@ class IpoptAnswer:
     iterations: int
 
 
-def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
-    """Make the solver function of a program."""
+def compile_ipopt(nlp: Nlp, options: SolverOptions, *, is_confirming: bool = False) -> ca.Function:
+    """Make the solver function of a program.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    options : SolverOptions
+    is_confirming : bool
+        True for starts with multipliers that are the optimum already, to rounding.
+    """
     ipopt: dict[str, object] = {
         "tol": options.tolerance,
         "max_iter": options.max_iterations,
@@ -90,6 +118,8 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
         ipopt |= {"jac_c_constant": "yes", "jac_d_constant": "yes"}
         if nlp.objective_is_quadratic:
             ipopt["hessian_constant"] = "yes"
+    if is_confirming:
+        ipopt |= _CONFIRMING | {"mu_init": options.tolerance * _LAST_BARRIER}
     if _LOG.isEnabledFor(logging.DEBUG):
         ipopt["print_level"] = 5
     ipopt |= dict(options.ipopt)
@@ -99,6 +129,7 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
         "error_on_fail": False,
         "show_eval_warnings": _LOG.isEnabledFor(logging.DEBUG),
         "calc_lam_p": False,  # multipliers of the parameters are not used and cost a gradient
+        **nlp.derivatives,
     }
     try:
         return ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, casadi_options)
@@ -116,6 +147,7 @@ def call_ipopt(
     p: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     row_bounds: tuple[FloatArray, FloatArray],
+    multipliers: tuple[FloatArray, FloatArray] | None = None,
 ) -> IpoptAnswer:
     """Solve once.
 
@@ -126,6 +158,8 @@ def call_ipopt(
     p : ndarray, shape (n_parameters,)
     bounds : pair of ndarray, shape (n_unknowns,)
     row_bounds : pair of ndarray, shape (n_rows,)
+    multipliers : pair of ndarray, shapes (n_unknowns,) and (n_rows,), optional
+        To begin with, of bounds and rows; only a confirming solver looks at them.
 
     Returns
     -------
@@ -135,8 +169,11 @@ def call_ipopt(
     -----
     What a signal handler raises meanwhile, such as KeyboardInterrupt, ends the solve and is raised from here.
     """
+    given = {"x0": x0, "p": p, "lbx": bounds[0], "ubx": bounds[1], "lbg": row_bounds[0], "ubg": row_bounds[1]}
+    if multipliers is not None:
+        given["lam_x0"], given["lam_g0"] = multipliers
     with _interruptible():
-        answer = solver(x0=x0, p=p, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
+        answer = solver(**given)
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], Status.NUMERICAL_ERROR)
     _LOG.debug("IPOPT: %s after %d iterations", stats["return_status"], stats["iter_count"])

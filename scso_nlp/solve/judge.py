@@ -15,6 +15,7 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.solution import (
     SMALLEST_EIGENVALUE,
+    InfeasibilityProof,
     MatrixResult,
     MomentBalance,
     RowResult,
@@ -24,7 +25,7 @@ from scso_nlp.solution import (
     StabilityMargin,
     Status,
 )
-from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, infeasible_rows, worst_rows
+from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, Impossible, contradiction, worst_rows
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solve.threads import one_thread
 from scso_nlp.stability.hessian import smallest_eigenvalues
@@ -52,17 +53,21 @@ class Outcome:
     unknowns : ndarray, shape (n_frames, n_unknowns)
         NaN in frames for which no solver was called.
     multipliers : pair of ndarray, shapes (n_frames, n_rows) and (n_frames - 1, n_pair_rows)
-        In the solver's sign and scale, of the unweighted objective; NaN where there are none.
+        In the solver's sign and scale, of the unweighted objective of unknowns over `unit`; NaN where there
+        are none.
     status : tuple of Status
-    shortfalls : tuple of Shortfall
-        Rows proven out of reach before solving.
+    impossible : tuple of Impossible
+        Rows proven to contradict each other while solving.
+    unit : ndarray, shape (n_frames,), or None
+        1 if not given, and where the objective has no degree.
     """
 
     program: FrameProgram
     unknowns: FloatArray
     multipliers: tuple[FloatArray, FloatArray]
     status: tuple[Status, ...]
-    shortfalls: tuple[Shortfall, ...] = ()
+    impossible: tuple[Impossible, ...] = ()
+    unit: FloatArray | None = None
 
 
 def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> Solution:
@@ -84,11 +89,14 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
     motion = program.problem.motion
     missing = np.asarray(np.isnan(outcome.unknowns).any(axis=1))
     finite = np.nan_to_num(outcome.unknowns)
-    rows = _row_results(program, finite, outcome.multipliers, missing)
-    matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
-    optimality = optimality_of(program, finite, outcome.multipliers, ~missing)
+    optimality = optimality_of(program, finite, outcome.multipliers, ~missing, outcome.unit)
+    multipliers = outcome.multipliers
+    if outcome.unit is not None and program.degree is not None:
+        multipliers = (multipliers[0] * outcome.unit[:, None] ** program.degree, multipliers[1])
+    rows = _row_results(program, finite, multipliers, missing)
+    matrices = _matrix_results(program, finite, multipliers[0], missing)
     worst = np.nan_to_num(optimality.worst, nan=np.inf) if is_graded else np.zeros(missing.size)
-    status, shortfalls = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
+    status, shortfalls, proofs = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
     solved: BoolArray = np.array([s.is_solved for s in status])
     parts = program.layout.split(outcome.unknowns * program.layout.scale)
     activation, control = (parts.pop((PROBLEM, name)) for name in ("activation", "control"))
@@ -113,6 +121,7 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
         objective_terms=_objective_terms(program, finite, solved),
         violation=_violations(program, finite, rows, matrices, solved),
         shortfalls=shortfalls,
+        infeasibility=proofs,
         report=report,
     )
 
@@ -307,10 +316,11 @@ def _statuses(
     matrices: dict[str, MatrixResult],
     feasibility: FloatArray,
     worst: FloatArray,
-) -> tuple[tuple[Status, ...], tuple[Shortfall, ...]]:
+) -> tuple[tuple[Status, ...], tuple[Shortfall, ...], tuple[InfeasibilityProof, ...]]:
     """Hold what the solver said of each frame against its rows and the conditions of an optimum.
 
-    Worst shortfalls of failed frames come first.
+    A frame is infeasible if it is proven so, whatever the solver said. Worst shortfalls of failed frames
+    come first.
     """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
@@ -327,22 +337,36 @@ def _statuses(
             status[k] = Status.ACCEPTABLE
         elif found is Status.SOLVED and missed[k] > LOOSE_VIOLATION:
             status[k] = Status.STABILITY_MISSED
-    shortfalls = list(outcome.shortfalls)
-    reached = {shortfall.frame for shortfall in shortfalls}
-    # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
-    found_only_by_ipopt = not (program.split.nonlinear or program.is_coupled)
+    failed: BoolArray = np.array([not found.is_solved for found in status])
+    impossible = {entry.proof.frame: entry for entry in outcome.impossible if entry.proof.holds}
+    # What looks acceptable may be the best compromise between rows that contradict each other.
+    loose = (
+        np.maximum(violation / FEASIBILITY_TOLERANCE, np.nan_to_num(feasibility) / OPTIMALITY_TOLERANCE) > 1
+    )
+    for frame in np.flatnonzero(failed | loose).tolist():
+        if frame not in impossible and (alone := contradiction(program, np.array([frame]))) is not None:
+            impossible[frame] = alone
+    if failed.any() and program.is_coupled and not impossible:
+        whole = contradiction(program, np.arange(len(status)))
+        impossible = {} if whole is None else {whole.proof.frame: whole}
+    shortfalls = [shortfall for entry in impossible.values() for shortfall in entry.shortfalls]
+    # Rows of one frame that are all affine can be kept if they do not contradict each other.
+    otherwise = Status.LOCALLY_INFEASIBLE
+    if not (program.split.nonlinear or program.is_coupled):
+        otherwise = Status.NUMERICAL_ERROR
     for k in range(len(status)):
-        if status[k].is_solved or k in reached:
-            continue
-        proven = infeasible_rows(program, k)
-        if proven:
+        if k in impossible or (program.is_coupled and impossible and failed[k]):
             status[k] = Status.INFEASIBLE
-        elif found_only_by_ipopt and status[k] is Status.INFEASIBLE:
-            status[k] = Status.NUMERICAL_ERROR
-        if proven or np.isfinite(outcome.unknowns[k]).all():
-            shortfalls += proven or worst_rows(program, rows, matrices, k)
+        elif status[k] is Status.INFEASIBLE:
+            status[k] = otherwise
+        if failed[k] and k not in impossible and np.isfinite(outcome.unknowns[k]).all():
+            shortfalls += worst_rows(program, rows, matrices, k)
     scales = _scales(program)
-    return tuple(status), tuple(sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint]))
+    return (
+        tuple(status),
+        tuple(sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint])),
+        tuple(impossible[k].proof for k in sorted(impossible)),
+    )
 
 
 def _scales(program: FrameProgram) -> dict[str, float]:

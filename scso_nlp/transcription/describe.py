@@ -11,7 +11,7 @@ import numpy as np
 from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import MatrixRows, Rows, VariableSpec
-from scso_nlp.objectives.objective import FramePairObjective
+from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.layout import Layout, collect_data, make_layout, make_symbols
 from scso_nlp.transcription.piece import Key, Piece
@@ -24,7 +24,7 @@ from scso_nlp.transcription.rows import (
     row_block,
     split_table,
 )
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray
 
 _DT: Key = ("problem", "dt")
 
@@ -75,6 +75,27 @@ class FrameProgram:
     def is_coupled(self) -> bool:
         """True if some term couples frames."""
         return bool(self.problem.coupled_terms)
+
+    @property
+    def degree(self) -> float | None:
+        """Say d if unknowns s times as large cost s^d times as much, prices of misses included; else None."""
+        terms = self.problem.objectives
+        found = {term.degree if isinstance(term, FrameObjective) else None for term in terms}
+        if len(self.objectives) > len(terms):  # the others are prices, by which misses are multiplied
+            found.add(1.0)
+        return found.pop() if len(found) == 1 else None
+
+    @property
+    def is_miss(self) -> BoolArray:
+        """Tell which unknowns are what rows or matrices may be missed by, shape (n_unknowns,)."""
+        found = np.zeros(self.layout.size, dtype=bool)
+        for block in self.rows.blocks:
+            if block.missed is not None:
+                found[block.missed : block.missed + len(block.names)] = True
+        for matrix in self.matrices:
+            if matrix.missed is not None:
+                found[matrix.missed] = True
+        return found
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the scaled unknowns, shape (n_frames, size)."""

@@ -41,7 +41,7 @@ class Slow:
         print("now", flush=True)
         return self.solver(x0=3 * np.random.default_rng(0).normal(size=20000))
 
-programs.compile_ipopt = lambda nlp, options: Slow(nlp)
+programs.compile_ipopt = lambda nlp, options, **_: Slow(nlp)
 """
 
 #: Lets the worker take a second for every frame, and says when it begins.
@@ -218,8 +218,8 @@ def test_handlers_of_ones_own_work_during_a_solve_and_stand_afterwards(monkeypat
 
     compiled = programs.compile_ipopt
 
-    def with_signal(nlp, options):
-        solver = compiled(nlp, options)
+    def with_signal(nlp, options, **more):
+        solver = compiled(nlp, options, **more)
 
         class Signalled:
             stats = staticmethod(solver.stats)
