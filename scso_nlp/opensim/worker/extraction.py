@@ -8,6 +8,7 @@ import numpy as np
 import opensim as osim
 from numpy.typing import NDArray
 
+from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job
@@ -39,7 +40,7 @@ class Extraction:
         osim.Logger.setLevelString("Info")
         settings = job.settings
         self._model = Model(settings)
-        self._kinematics = read_kinematics(job, self._model)
+        self._kinematics = assembled(job, self._model, read_kinematics(job, self._model))
         self._poses = Poses(
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )
