@@ -9,6 +9,7 @@ import opensim as osim
 from numpy.typing import NDArray
 
 from scso_nlp.files import refuse_changed
+from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job
@@ -44,7 +45,7 @@ class Extraction:
         finally:
             # OpenSim has read all files by now; what it says of one that was half written is beside the point
             refuse_changed(job.inputs)
-        self._kinematics = read_kinematics(job, self._model)
+        self._kinematics = assembled(job, self._model, read_kinematics(job, self._model))
         self._poses = Poses(
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )

@@ -46,7 +46,8 @@ class Kinematics:
     speeds: FloatArray  # (n_rows, n_u) [rad/s or m/s]
     accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline; NaN but in the rows to analyze
     rows: IntArray  # the rows to analyze
-    notes: list[Note]  # on missing columns and on units
+    notes: list[Note]  # on missing columns, on units, on what contradicts the model
+    is_assembled: bool = False  # values are OpenSim's assembly of the columns, nothing is to be done to them
 
 
 def read_kinematics(job: Job, model: Model) -> Kinematics:

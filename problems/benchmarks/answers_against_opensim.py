@@ -1,0 +1,253 @@
+"""Answers of `scso run` beside those of OpenSim's own static optimization, for any AnalyzeTool setups.
+
+Usage: python -m problems.benchmarks.answers_against_opensim [SETUP.xml ...] [--data FOLDER] [--output FILE]
+
+Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stands, and with a convergence
+criterion of 1e-8. Frames count where OpenSim's log names no failure and its equations are kept. Activations
+are compared as they are, each reserve and residual relative to its own peak. The exact optimum of the same
+arrays, by the active-set solver DAQP, tells who is right; OpenSim's answer put into our equations of
+equilibrium tells whether they are its own. Where the low-pass filter would make OpenSim resample without end,
+both are asked without it. With `--data`, setups are written for the third-party data there that have none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import daqp
+import numpy as np
+
+import scso_nlp as scso
+from problems.benchmarks.setups import write_setups
+from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.opensim.engine import opensim_version
+from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup
+from scso_nlp.validation import FloatArray
+
+#: Convergence criterion and most iterations of OpenSim's optimizer in the second run.
+TIGHT = {"criterion": 1e-8, "iterations": 500}
+#: Steps this much smaller than the typical one are too small to filter: OpenSim resamples to the smallest.
+SMALL_STEP = 1e-3
+#: OpenSim gets no longer than this [s].
+LONGEST = 3600
+#: Only this stands between a run of OpenSim and its answer; it cannot share a process with CasADi.
+OPENSIM = """
+import json, sys
+import opensim
+question = json.loads(sys.argv[1])
+opensim.Logger.setLevelString("Info")
+tool = opensim.AnalyzeTool(question["setup"])
+tool.setResultsDir(question["results"])
+if question["unfiltered"]:
+    tool.setLowpassCutoffFrequency(-1)
+analyses = tool.getModel().getAnalysisSet()
+for i in range(analyses.getSize()):
+    analysis = opensim.StaticOptimization.safeDownCast(analyses.get(i))
+    if analysis is not None and "criterion" in question:
+        analysis.setConvergenceCriterion(question["criterion"])
+        analysis.setMaxIterations(question["iterations"])
+tool.run()
+"""
+FAILURE = re.compile(r"could not find a solution at time = ([-+.\de]+)\.\n")
+FRAME = re.compile(r"^time = (\S+) Performance = \S+ Constraint violation = (\S+)$", re.MULTILINE)
+#: OpenSim's answer is none where its accelerations miss the motion's by more [rad/s² or m/s²].
+VIOLATION = 1e-3
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far two answers are apart in frames that count."""
+
+    activation: float  # largest [-]
+    muscle: str
+    control: float  # largest, relative to the actuator's own peak [-]
+    actuator: str
+    peak: float  # of that actuator [N or N·m]
+
+    def __str__(self) -> str:
+        """Return two cells of the table."""
+        actuator = f"{self.control:.1e} ({self.actuator}, peak {self.peak:.2g})" if self.actuator else "–"
+        return f"{self.activation:.1e} ({self.muscle}) | {actuator}" if self.muscle else f"– | {actuator}"
+
+
+def ask_opensim(setup: Path, folder: Path, unfiltered: bool, **options: float) -> tuple[Storage, FloatArray]:
+    """Return OpenSim's activations and controls, and which of its frames converged, shape (n_frames,).
+
+    Raises
+    ------
+    RuntimeError
+        It gave none.
+    """
+    folder.mkdir()
+    question = {
+        "setup": str(setup),
+        "results": str(folder),
+        "unfiltered": unfiltered,
+        **options,
+    }
+    command = [sys.executable, "-c", OPENSIM, json.dumps(question)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST, cwd=folder)
+    found = list(folder.glob("*_activation.sto"))
+    if not found:
+        raise RuntimeError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
+    answer = read_storage(found[0])
+    failed = {float(time) for time in FAILURE.findall(done.stdout)}
+    violations = {float(time): float(size) for time, size in FRAME.findall(done.stdout)}
+    good = np.array([time for time, size in violations.items() if size <= VIOLATION and time not in failed])
+    return answer, np.array([np.isclose(good, time, rtol=0, atol=1e-7).any() for time in answer.time])
+
+
+def ask_scso(setup: Path, folder: Path, unfiltered: bool) -> tuple[Storage, FloatArray, scso.Motion]:
+    """Return our activations and controls, which of the frames are solved, and the arrays they are about."""
+    command = [sys.executable, "-m", "scso_nlp.cli", "run", str(setup), "--no-figures", "--keep-failed"]
+    command += ["--cache", str(folder / "cache"), "--output", str(folder / "ours")]
+    command += ["--lowpass-cutoff-frequency", "-1"] if unfiltered else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = list((folder / "ours").glob("*_activation.sto"))
+    if not found:
+        raise RuntimeError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
+    changes = {"lowpass_cutoff_frequency": -1.0} if unfiltered else {}
+    motion = scso.load_motion(setup, cache=folder / "cache", progress=False, **changes)
+    answer = read_storage(found[0])
+    return answer, np.isfinite(answer.values).all(axis=1), motion
+
+
+def equations(motion: scso.Motion, with_physiology: bool) -> FloatArray:
+    """Return what a unit of every activation and control does, shape (n_frames, n_free, n) [N or N·m]."""
+    t = motion.trajectory
+    force = t.active_force_capacity if with_physiology else motion.muscles.max_isometric_force[None]
+    return np.concatenate([t.moment_arms * force[:, None, :], t.actuator_generalized_forces], axis=2)
+
+
+def optimum(motion: scso.Motion, matrices: FloatArray) -> FloatArray:
+    """Return the least sum of squares of every frame, shape (n_frames, n); NaN where there is none."""
+    actuators, muscles, infinite = motion.actuators, motion.muscles, 1e30
+    lower = np.maximum(np.concatenate([muscles.min_activation, actuators.min_control]), -infinite)
+    upper = np.minimum(np.concatenate([muscles.max_activation, actuators.max_control]), infinite)
+    found = np.full((motion.n_frames, len(lower)), np.nan)
+    for k, (matrix, wanted) in enumerate(zip(matrices, motion.trajectory.generalized_forces, strict=True)):
+        size = np.linalg.norm(matrix, axis=1)
+        used = size > 0
+        rows, b = np.ascontiguousarray(matrix[used] / size[used, None]), wanted[used] / size[used]
+        # equations are active and immutable: 5
+        sense = np.repeat(np.array([0, 5], dtype=np.int32), [len(lower), len(b)])
+        above, below = np.concatenate([upper, b]), np.concatenate([lower, b])
+        x, _, flag, _ = daqp.solve(
+            np.eye(len(lower)), np.zeros(len(lower)), rows, above, below, sense, primal_tol=1e-10
+        )
+        if flag == 1:
+            found[k] = x
+    return found
+
+
+def difference(one: FloatArray, other: FloatArray, motion: scso.Motion) -> Difference:
+    """Compare two answers, shape (n_frames, n)."""
+    n = motion.muscles.n_muscles
+    apart = np.abs(one - other).max(axis=0, initial=0.0)
+    m = int(apart[:n].argmax()) if n else -1
+    if len(apart) == n:
+        return Difference(apart[m], motion.muscles.muscles[m], 0.0, "", 0.0)
+    peak = np.maximum(np.abs(other).max(axis=0, initial=0.0), 1e-300)[n:]
+    a = int((apart[n:] / peak).argmax())
+    return Difference(
+        activation=apart[m] if n else 0.0,
+        muscle=motion.muscles.muscles[m] if n else "",
+        control=apart[n:][a] / peak[a],
+        actuator=motion.actuators.actuators[a],
+        peak=peak[a] * motion.actuators.optimal_force[a],
+    )
+
+
+def is_unfilterable(motion: MotionInput) -> bool:
+    """Tell whether OpenSim's filter would resample a motion without end."""
+    source, cutoff = motion.coordinates, motion.lowpass_cutoff_frequency
+    if source is None or cutoff is None or cutoff < 0:
+        return False
+    steps = np.diff(read_storage(source).time)
+    return bool(steps.min() < SMALL_STEP * np.median(steps))
+
+
+def compare(name: str, setup: Path) -> str:
+    """Return one row of the table."""
+    wanted = read_analyze_setup(setup)
+    unfiltered = is_unfilterable(wanted.motion)
+    title = f"{name}{', without filter' if unfiltered else ''}"
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        try:
+            ours, is_solved, motion = ask_scso(setup, folder, unfiltered)
+        except RuntimeError as error:
+            return f"| {title} | scso: {error} |"
+        try:
+            loose, has_converged = ask_opensim(setup, folder / "as_it_stands", unfiltered)
+            tight, is_tight = ask_opensim(setup, folder / "tight", unfiltered, **TIGHT)
+        except (RuntimeError, subprocess.TimeoutExpired) as error:
+            return f"| {title} | {motion.n_frames} | OpenSim gives no answer: {error} |"
+    labels = motion.trajectory.muscles + motion.trajectory.actuators
+    x, theirs, exacting = (answer.columns(labels) for answer in (ours, loose, tight))
+    if loose.time.shape != ours.time.shape or np.abs(loose.time - ours.time).max() > 1e-6:
+        return f"| {title} | {motion.n_frames} frames here, {len(loose.time)} in OpenSim |"
+    matrices, moments = equations(motion, wanted.use_muscle_physiology), motion.trajectory.generalized_forces
+    best = optimum(motion, matrices) if wanted.activation_exponent == 2.0 else np.full_like(x, np.nan)
+    counted = is_solved & has_converged
+    strict = is_solved & is_tight
+    known = counted & np.isfinite(best).all(axis=1)
+    missed = np.abs(np.einsum("kcx,kx->kc", matrices, theirs) - moments)[counted].max(initial=0.0)
+    cells = [
+        title,
+        f"{len(x)}",
+        f"{is_solved.sum()}, {has_converged.sum()}, {is_tight.sum()}",
+        str(difference(x[counted], theirs[counted], motion)),
+        str(difference(x[strict], exacting[strict], motion)),
+        f"{difference(x[known], best[known], motion).activation:.1e}",
+        f"{difference(theirs[known], best[known], motion).activation:.1e}",
+        f"{missed:.1e} of {np.abs(moments).max():.2g}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+HEADS = (
+    "setup",
+    "frames",
+    "solved here / by OpenSim / tight",
+    "activation",
+    "reserve",
+    "activation, tight",
+    "reserve, tight",
+    "here from optimum",
+    "OpenSim from optimum",
+    "OpenSim's answer in our equations [N or N·m]",
+)
+
+
+def main() -> None:
+    """Print the table row by row, and write it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("setups", nargs="*", type=Path, metavar="SETUP.xml")
+    parser.add_argument(
+        "--data", type=Path, help="folder of the third-party data: compare those without setup"
+    )
+    parser.add_argument("--output", type=Path, help="write the table into this file too")
+    arguments = parser.parse_args()
+    lines = [f"| {' | '.join(HEADS)} |", "|---" * len(HEADS) + "|"]
+    print(f"OpenSim {opensim_version()}\n" + "\n".join(lines), flush=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        made = write_setups(arguments.data.resolve(), Path(scratch)) if arguments.data else []
+        for setup in [*arguments.setups, *made]:
+            lines.append(compare(f"{setup.parent.name}/{setup.name}", setup.resolve()))
+            print(lines[-1], flush=True)
+    if arguments.output is not None:
+        arguments.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
