@@ -16,6 +16,7 @@ import numpy as np
 
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Status
+from scso_nlp.solve.threads import one_thread
 from scso_nlp.transcription.build import Nlp
 from scso_nlp.validation import FloatArray
 
@@ -172,7 +173,7 @@ def call_ipopt(
     given = {"x0": x0, "p": p, "lbx": bounds[0], "ubx": bounds[1], "lbg": row_bounds[0], "ubg": row_bounds[1]}
     if multipliers is not None:
         given["lam_x0"], given["lam_g0"] = multipliers
-    with _interruptible():
+    with _interruptible(), one_thread(of_ipopt=True):
         answer = solver(**given)
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], Status.NUMERICAL_ERROR)
