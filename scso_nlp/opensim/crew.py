@@ -25,8 +25,9 @@ from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.files import insist, lock
+from scso_nlp.files import lock
 from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
+from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
 
@@ -107,7 +108,8 @@ def _own_folder() -> Iterator[Path]:
         descriptor = lock(folder)
         yield folder
     finally:
-        insist(lambda: shutil.rmtree(folder, ignore_errors=True))
+        with undisturbed():
+            shutil.rmtree(folder, ignore_errors=True)
         if descriptor is not None:
             os.close(descriptor)
 
@@ -165,7 +167,8 @@ class _Crew:
                 readers.append(reader)
             self._wait(crew, progress)
         finally:
-            insist(lambda: _end(crew))
+            with undisturbed():
+                _end(crew)
             for reader in readers:
                 reader.join(PATIENCE)
             for process in crew:
