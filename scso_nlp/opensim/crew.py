@@ -41,7 +41,7 @@ from scso_nlp.opensim.worker.process import main
 sys.exit(main(sys.argv[2:]))
 """
 #: Names of folders for temporary files start with it.
-TEMPORARY = "scso_"
+TEMPORARY = "scso_worker_"
 #: A bar appears only when the extraction lasts longer [s].
 PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
