@@ -26,6 +26,7 @@ from scso_nlp.examples import example_folder
 
 pytestmark = [
     pytest.mark.opensim,
+    pytest.mark.slow,
     pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds processes in /proc"),
 ]
 
