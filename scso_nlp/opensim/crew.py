@@ -87,15 +87,20 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     ScsoError
         What a worker refused, by its own class.
     EngineError
-        OpenSim refused the input, a worker died, or there is no room for temporary files.
+        OpenSim refused the input, a worker died, or there is no room for them or their temporary files.
     """
     try:
         with _own_folder() as folder:
             write_job(folder, job, external_loads)
             return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    except BrokenPipeError:
+        # of a progress bar that nobody reads any more
+        raise
     except OSError as error:
-        reason = error.strerror or error
-        raise EngineError(f"OpenSim's temporary files (TMPDIR says where) cannot be used: {reason}") from None
+        raise EngineError(
+            f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
+            "stand where TMPDIR says)"
+        ) from None
 
 
 @contextlib.contextmanager

@@ -32,8 +32,8 @@ pytestmark = [
 
 #: How many moments are tried of each kind.
 NUMBER = int(os.environ.get("SCSO_STOPS", "1"))
-#: Ends of a run that nobody stopped in time, and of one that was.
-FINISHED, STOPPED = "finished before", "stopped"
+#: What becomes of a run that was not stopped in time.
+FINISHED = "finished before"
 SCSO = str(Path(sys.executable).with_name("scso"))
 RUN = ["run", "setup.xml", "--output", "results", "--processes", "2", "--exponent", "3"]
 SHELL = [SCSO, *RUN]
