@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import os
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from scso_nlp.exceptions import DataError
@@ -146,18 +146,3 @@ def lock(folder: str | os.PathLike[str], *, wait: bool = False) -> int | None:
             return None
         raise
     return descriptor
-
-
-def insist(clean: Callable[[], object]) -> None:
-    """Do something that must be done; once more from its beginning where a signal interrupts it.
-
-    Parameters
-    ----------
-    clean : callable
-        Without arguments; it may be done twice.
-    """
-    try:
-        clean()
-    except BaseException:
-        clean()
-        raise

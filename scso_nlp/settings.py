@@ -176,7 +176,7 @@ def read_settings(
         Settings that contradict each other.
     """
     path = Path(os.path.abspath(path))
-    before = hashes([path]) if path.is_file() else {}
+    before = hashes(filter(os.path.isfile, [path]))
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
     changed = _checked(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
@@ -190,7 +190,7 @@ def read_settings(
         given = {name: value for name, value in given.items() if name not in _MODEL_SETTINGS}
     given |= changed
     named = (given.get("setup"), given.get("passive"))
-    sources = before | hashes(file for file in named if isinstance(file, Path) and file.is_file())
+    sources = before | hashes(file for file in named if isinstance(file, Path) and os.path.isfile(file))
     output = OutputSettings(**{"folder": path.parent / RESULTS / path.stem, **_fields("output", given)})
     settings = _run_settings(given, path, sources, output)
     refuse_changed(sources)

@@ -35,6 +35,7 @@ SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcriptio
 LAYERS = (
     "exceptions",
     "files",
+    "signals",
     "validation",
     "trajectory",
     "muscles",
@@ -79,6 +80,7 @@ WITHOUT_CASADI = (
     "scso_nlp",
     "scso_nlp.exceptions",
     "scso_nlp.files",
+    "scso_nlp.signals",
     "scso_nlp.validation",
     "scso_nlp.trajectory",
     "scso_nlp.muscles",

@@ -1,9 +1,11 @@
 """A file is there whole or not at all."""
 
+import os
+
 import pytest
 
 from scso_nlp.exceptions import DataError
-from scso_nlp.files import hashes, refuse_changed, sha256, write_whole
+from scso_nlp.files import hashes, lock, refuse_changed, sha256, write_whole
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -68,3 +70,12 @@ def test_files_that_are_not_what_they_were_are_refused(tmp_path):
         spoil()
         with pytest.raises(DataError, match="b was changed or removed while it was read; run again"):
             refuse_changed(before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_a_folder_is_locked_until_its_descriptor_is_closed(tmp_path):
+    first = lock(tmp_path)
+    with pytest.raises(BlockingIOError):
+        lock(tmp_path)
+    os.close(first)
+    os.close(lock(tmp_path))

@@ -9,6 +9,7 @@ import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
     from scso_nlp.run import RunResult
@@ -22,10 +23,11 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
     with exit_codes(verbose):
-        from scso_nlp.report.folder import refuse_unwritable
-        from scso_nlp.run import run as solve
-        from scso_nlp.run import write_run
-        from scso_nlp.settings import read_settings
+        with undisturbed():
+            from scso_nlp.report.folder import refuse_unwritable
+            from scso_nlp.run import run as solve
+            from scso_nlp.run import write_run
+            from scso_nlp.settings import read_settings
 
         settings, where = read_settings(source, changes)
         refuse_unwritable(where.folder_for(settings.motion.name).absolute())

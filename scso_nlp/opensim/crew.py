@@ -25,8 +25,9 @@ from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.files import insist, lock
+from scso_nlp.files import lock
 from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
+from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
 
@@ -40,7 +41,7 @@ from scso_nlp.opensim.worker.process import main
 sys.exit(main(sys.argv[2:]))
 """
 #: Names of folders for temporary files start with it.
-TEMPORARY = "scso_"
+TEMPORARY = "scso_worker_"
 #: A bar appears only when the extraction lasts longer [s].
 PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
@@ -86,15 +87,20 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     ScsoError
         What a worker refused, by its own class.
     EngineError
-        OpenSim refused the input, a worker died, or there is no room for temporary files.
+        OpenSim refused the input, a worker died, or there is no room for them or their temporary files.
     """
     try:
         with _own_folder() as folder:
             write_job(folder, job, external_loads)
             return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    except BrokenPipeError:
+        # of a progress bar that nobody reads any more
+        raise
     except OSError as error:
-        reason = error.strerror or error
-        raise EngineError(f"OpenSim's temporary files (TMPDIR says where) cannot be used: {reason}") from None
+        raise EngineError(
+            f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
+            "stand where TMPDIR says)"
+        ) from None
 
 
 @contextlib.contextmanager
@@ -107,7 +113,8 @@ def _own_folder() -> Iterator[Path]:
         descriptor = lock(folder)
         yield folder
     finally:
-        insist(lambda: shutil.rmtree(folder, ignore_errors=True))
+        with undisturbed():
+            shutil.rmtree(folder, ignore_errors=True)
         if descriptor is not None:
             os.close(descriptor)
 
@@ -165,7 +172,8 @@ class _Crew:
                 readers.append(reader)
             self._wait(crew, progress)
         finally:
-            insist(lambda: _end(crew))
+            with undisturbed():
+                _end(crew)
             for reader in readers:
                 reader.join(PATIENCE)
             for process in crew:

@@ -375,7 +375,7 @@ def named_files(path: Path) -> tuple[Path, ...]:
     texts = [element.findtext("filename") for element in root.iter("ContactMesh")]
     texts += [element.text for element in root.iter("datafile")]
     files = (reader.path(text.strip()) for text in texts if text and text.strip())
-    return tuple(file for file in files if file.is_file())
+    return tuple(file for file in files if os.path.isfile(file))
 
 
 def read_xml(path: Path) -> Element:

@@ -108,10 +108,16 @@ def refuse_unwritable(folder: Path) -> None:
     Raises
     ------
     DataError
-        It is a file, or neither it nor what it would be made in may be written to.
+        It is a file, has an impossible name, or neither it nor what it would be made in may be written to.
     """
-    nearest = next(path for path in (folder, *folder.parents) if path.exists())
-    if not nearest.is_dir():
+    try:
+        os.stat(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        raise DataError(f"results cannot be written to {folder}: {error.strerror or error}") from None
+    nearest = next(path for path in (folder, *folder.parents) if os.path.exists(path))
+    if not os.path.isdir(nearest):
         raise DataError(f"{nearest} is a file, expected a folder for the results")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise DataError(

@@ -25,7 +25,7 @@ import numpy as np
 
 from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import insist, sha256, write_whole
+from scso_nlp.files import sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -42,6 +42,7 @@ from scso_nlp.report.folder import (
     settle,
     worth,
 )
+from scso_nlp.signals import undisturbed
 from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
 
@@ -308,7 +309,8 @@ def _put(
         for file in (*_found(new, own), REPORT):
             os.replace(new / file, folder / file)
     finally:
-        insist(lambda: settle(folder))
+        with undisturbed():
+            settle(folder)
         if folder.name == FAILED:
             remove_empty(folder)
 
@@ -496,7 +498,8 @@ def _has_rows(solution: Solution) -> bool:
 
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
-    from scso_nlp import figures
+    with undisturbed():
+        from scso_nlp import figures
 
     name = solution.problem.motion.name
     for what, draw in FIGURES.items():

@@ -272,6 +272,9 @@ def test_where_results_cannot_go_is_said_before_the_motion_is_read(spine):
         done = scso("run", spine / "setup.xml", "--output", output, cwd=spine)
         assert done.returncode == 2
         assert done.stderr == f"error: {spine / taken} is a file, expected a folder for the results\n"
+    done = scso("run", spine / "setup.xml", "--output", "a" * 300, cwd=spine)
+    assert done.returncode == 2
+    assert done.stderr == f"error: results cannot be written to {spine / ('a' * 300)}: File name too long\n"
 
 
 @pytest.mark.parametrize(

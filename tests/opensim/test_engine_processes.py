@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
@@ -21,7 +22,7 @@ import pytest
 from tiny_model import Tiny, setup_text, write_motion
 
 from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMismatchError, ScsoError
-from scso_nlp.files import sha256
+from scso_nlp.files import lock, sha256
 from scso_nlp.io.bundle import load_bundle, read_provenance
 from scso_nlp.opensim import crew, engine
 from scso_nlp.opensim.engine import load_motion
@@ -350,6 +351,31 @@ def test_a_worker_that_gets_no_further_is_ended_with_a_sentence(
         load_motion(tiny.setup, processes=1)
     assert len(seen) == 1
     assert not set(_children()) - before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_folders_of_killed_programs_are_removed_and_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    names = {what: tmp_path / f"{crew.TEMPORARY}{what}" for what in ("killed", "running", "new")}
+    for folder in names.values():
+        folder.mkdir()
+    for what in ("killed", "running"):
+        (names[what] / "job.json").touch()
+    (tmp_path / "scso_of_mine").mkdir()
+    (tmp_path / "scso_of_mine" / "job.json").touch()
+    descriptor = lock(names["running"])
+    assert descriptor is not None
+    try:
+        with pytest.raises(BlockingIOError):
+            lock(names["running"])
+        with crew._own_folder() as own:
+            left = {path for path in tmp_path.iterdir() if path != own}
+            assert left == {names["running"], names["new"], tmp_path / "scso_of_mine"}
+    finally:
+        os.close(descriptor)
+    assert not own.exists()
 
 
 def _replace(path: Path, old: str, new: str) -> None:

@@ -26,13 +26,14 @@ from scso_nlp.examples import example_folder
 
 pytestmark = [
     pytest.mark.opensim,
+    pytest.mark.slow,
     pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds processes in /proc"),
 ]
 
 #: How many moments are tried of each kind.
 NUMBER = int(os.environ.get("SCSO_STOPS", "1"))
-#: Ends of a run that nobody stopped in time, and of one that was.
-FINISHED, STOPPED = "finished before", "stopped"
+#: What becomes of a run that was not stopped in time.
+FINISHED = "finished before"
 SCSO = str(Path(sys.executable).with_name("scso"))
 RUN = ["run", "setup.xml", "--output", "results", "--processes", "2", "--exponent", "3"]
 SHELL = [SCSO, *RUN]
