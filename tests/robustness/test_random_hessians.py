@@ -132,12 +132,9 @@ def outcome(kind, problem, solution, k, highest):
 def dual_bound(problem, solution, k):
     """A lower bound of the cost by Lagrange's dual with the solution's multipliers, whatever they are.
 
-    Their matrix is made positive semi-definite, and its trace no more than the price, if they are not. For
-    exponents 1 and infinity there is no closed form here.
+    Their matrix is made positive semi-definite, and its trace no more than the price, if they are not.
     """
     term, p = problem.constraints[1], problem.objectives[0].exponent
-    if p in (1.0, np.inf):
-        return -np.inf
     (a, b), (lower, upper), (matrices, constant) = full_frame(problem, k, level=term.level)
     values, vectors = np.linalg.eigh(solution.matrices["HessianStability"].multiplier[k])
     dual = (vectors * np.maximum(values, 0.0)) @ vectors.T
@@ -145,8 +142,21 @@ def dual_bound(problem, solution, k):
         dual *= min(1.0, term.soft / max(np.trace(dual), 1e-300))
     y = solution.rows["MomentEquilibrium"].multiplier[k]
     c = a.T @ y + np.einsum("iab,ab->i", matrices, dual)
-    x = np.clip(np.sign(c) * (np.abs(c) / p) ** (1 / (p - 1)), lower, upper)
-    return float(y @ b - np.sum(dual * constant) + (np.abs(x) ** p - c * x).sum())
+    fixed = float(y @ b - np.sum(dual * constant))
+    if p not in (1.0, np.inf):
+        x = np.clip(np.sign(c) * (np.abs(c) / p) ** (1 / (p - 1)), lower, upper)
+        return fixed + float((np.abs(x) ** p - c * x).sum())
+    # multipliers that pull unlimited controls by more than one are too large by that much
+    pull = np.abs(c[np.isinf(upper)])
+    less = 1 / max(1.0, pull.max(initial=0.0) if p == 1.0 else pull.sum())
+    # furthest that each unknown goes where it is pulled: activations of zero and above, controls of any sign
+    furthest = np.where(c > 0, upper, -lower)
+    if p == 1.0:
+        gain = np.maximum(less * np.abs(c) - 1.0, 0.0)
+        return less * fixed - float((gain * np.where(gain > 0, furthest, 0.0)).sum())
+    largest = np.unique(np.append(furthest[np.isfinite(furthest)], 0.0))
+    costs = largest - less * (np.abs(c) * np.minimum(largest[:, None], furthest)).sum(axis=1)
+    return less * fixed + float(costs.min())
 
 
 def least_by_clarabel(problem, k, scale):
