@@ -28,6 +28,27 @@ def hessian_problem(
     )
 
 
+def with_forces(problem, factor):
+    """All forces, moments and stiffnesses times a number: another unit."""
+    motion = problem.motion
+    trajectory, curvature = motion.trajectory, motion.trajectory.curvature
+    trajectory = dataclasses.replace(
+        trajectory,
+        generalized_forces=trajectory.generalized_forces * factor,
+        actuator_generalized_forces=trajectory.actuator_generalized_forces * factor,
+        curvature=dataclasses.replace(
+            curvature,
+            load_stiffness=curvature.load_stiffness * factor,
+            passive_stiffness=curvature.passive_stiffness * factor,
+        ),
+    )
+    muscles, actuators = motion.muscles, motion.actuators
+    muscles = dataclasses.replace(muscles, max_isometric_force=muscles.max_isometric_force * factor)
+    actuators = dataclasses.replace(actuators, optimal_force=actuators.optimal_force * factor)
+    changed = scso.Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+    return dataclasses.replace(problem, motion=changed)
+
+
 def hessian_by_hand(problem, k, tendon_force, stiffness, *, passive=0.0):
     """H of one frame as the formula says it, muscle by muscle."""
     trajectory, curvature = problem.motion.trajectory, problem.motion.trajectory.curvature

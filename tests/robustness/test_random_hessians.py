@@ -11,7 +11,14 @@ import os
 
 import numpy as np
 import pytest
-from conic_oracle import SCALE, full_frame, hessian_problem, highest_eigenvalue, solve_full_frame
+from conic_oracle import (
+    SCALE,
+    full_frame,
+    hessian_problem,
+    highest_eigenvalue,
+    solve_full_frame,
+    with_forces,
+)
 from helpers import unknowns
 
 import scso_nlp as scso
@@ -40,27 +47,6 @@ KINDS = {
     "infeasible x 1e-9": ((0.01, 2.0), None, 1e-9),
     "infeasible x 1e9": ((0.01, 2.0), None, 1e9),
 }
-
-
-def with_forces(problem, factor):
-    """All forces, moments and stiffnesses times a number: another unit."""
-    motion = problem.motion
-    trajectory, curvature = motion.trajectory, motion.trajectory.curvature
-    trajectory = dataclasses.replace(
-        trajectory,
-        generalized_forces=trajectory.generalized_forces * factor,
-        actuator_generalized_forces=trajectory.actuator_generalized_forces * factor,
-        curvature=dataclasses.replace(
-            curvature,
-            load_stiffness=curvature.load_stiffness * factor,
-            passive_stiffness=curvature.passive_stiffness * factor,
-        ),
-    )
-    muscles, actuators = motion.muscles, motion.actuators
-    muscles = dataclasses.replace(muscles, max_isometric_force=muscles.max_isometric_force * factor)
-    actuators = dataclasses.replace(actuators, optimal_force=actuators.optimal_force * factor)
-    changed = scso.Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
-    return dataclasses.replace(problem, motion=changed)
 
 
 def drawn(seed):
@@ -180,3 +166,24 @@ def test_what_is_called_solved_is_the_optimum_of_the_matrix_inequality(part):
     assert not wrong, wrong
     lost = {entry: n for entry, n in table.items() if entry[2] != "right"}
     assert sum(lost.values()) <= 0.001 * len(found), lost
+
+
+def test_the_oracles_see_what_is_not_the_optimum_and_what_is_not_stable(rng):
+    """Two answers that are not those of the problem: of other weights, and without the matrix inequality."""
+    problem = hessian_problem(rng, n_frames=2, reserve=2.0)
+    highest = np.array([highest_eigenvalue(problem, k) for k in range(2)])
+    solution = scso.solve_trajectory(problem)
+    weights = {"*": 1.0, "m[1-4]": 1.1}
+    others = (
+        dataclasses.replace(problem, objectives=(scso.ActivationEffort(weights=weights),)),
+        problem.without_stability(),
+    )
+    found = [outcome("level 0", problem, solution, k, highest[k]) for k in range(2)]
+    assert found == ["right", "right"]
+    for other, expected in zip(others, ("above a bound", "an eigenvalue is missed"), strict=True):
+        wrong = scso.solve_trajectory(other)
+        mixed = dataclasses.replace(solution, activation=wrong.activation, control=wrong.control)
+        assert all(expected in outcome("level 0", problem, mixed, k, highest[k]) for k in range(2))
+    # a solution that is called infeasible
+    failed = dataclasses.replace(solution, frame_status=(Status.INFEASIBLE,) * 2)
+    assert outcome("level 0", problem, failed, 0, highest[0]) == "INFEASIBLE, but there is a solution"

@@ -361,3 +361,19 @@ def test_what_is_called_solved_is_the_optimum(part):
     assert not infeasible, f"all of these can be solved, or lack a proof: {infeasible}"
     lost = {entry: n for entry, n in table.items() if entry[2] != "right"}
     assert sum(lost.values()) <= 0.001 * len(found), lost
+
+
+@pytest.mark.parametrize("exponent", EXPONENTS)
+def test_the_oracles_see_what_is_not_the_optimum_and_what_keeps_no_row(rng, exponent):
+    """Answers of other weights, and for other moments, are not those of the problem."""
+    problem = drawn(rng, exponent, 5.0)
+    solution = scso.solve_trajectory(problem)
+    assert [_outcome("as it is", problem, solution, k) for k in range(3)] == ["right"] * 3
+    effort = scso.ActivationEffort(exponent=exponent, weights={"*": 1.0, "m[12]": 2.0, "reserve*": 0.5})
+    others = (dataclasses.replace(problem, objectives=(effort,)), with_moments(problem, 1 + 1e-5))
+    for other, expected in zip(others, ("above a bound", "rows or bounds are missed"), strict=True):
+        wrong = scso.solve_trajectory(other)
+        mixed = dataclasses.replace(solution, activation=wrong.activation, control=wrong.control)
+        words = [_outcome("as it is", problem, mixed, k) for k in range(3)]
+        # without curvature a vertex may be the optimum of other weights too
+        assert sum(expected in word for word in words) >= (3 if exponent > 1.0 else 1), words
