@@ -168,8 +168,8 @@ class Optimality:
     Attributes
     ----------
     feasibility : ndarray, shape (n_frames,) [-]
-        Largest violation of a row, over what the entries of the rows of its term add up to in the frame; and
-        of a bound, over its unknown.
+        Largest violation of a row, over what the entries of the rows of its term add up to in the frame; of a
+        matrix, over what its largest entry adds up to; and of a bound, over its unknown.
     stationarity : ndarray, shape (n_frames,) [-]
         Largest entry of r that no bound takes up, over the largest entry of the objective's gradient g.
     complementarity : ndarray, shape (n_frames,) [-]

@@ -32,6 +32,7 @@ from scso_nlp.stability.hessian import smallest_eigenvalues
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.layout import PROBLEM
 from scso_nlp.transcription.rows import MatrixBlock, RowBlock
+from scso_nlp.transcription.turns import matrix_models, matrix_sizes
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
@@ -90,6 +91,8 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
     missing = np.asarray(np.isnan(outcome.unknowns).any(axis=1))
     finite = np.nan_to_num(outcome.unknowns)
     optimality = optimality_of(program, finite, outcome.multipliers, ~missing, outcome.unit)
+    missed = _missed_eigenvalues(program, finite)
+    optimality = replace(optimality, feasibility=np.maximum(optimality.feasibility, missed))
     multipliers = outcome.multipliers
     if outcome.unit is not None and program.degree is not None:
         multipliers = (multipliers[0] * outcome.unit[:, None] ** program.degree, multipliers[1])
@@ -274,6 +277,17 @@ def _matrix_results(
             _matrix_result(program, block, unknowns, missing), multiplier=multiplier
         )
     return results | _observed_matrices(program, unknowns, missing)
+
+
+def _missed_eigenvalues(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    """Largest violation of a matrix over what its entries add up to, shape (n_frames,)."""
+    worst = np.zeros(len(unknowns))
+    for model in matrix_models(program):
+        with one_thread():
+            least = np.linalg.eigvalsh(model.value(unknowns, program.arrays))[:, 0]
+        sizes = matrix_sizes(program, model, unknowns)
+        worst = np.maximum(worst, np.maximum(-least, 0.0) / np.where(sizes > 0, sizes, 1.0))
+    return worst
 
 
 def _observed_matrices(
