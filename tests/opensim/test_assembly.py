@@ -111,7 +111,9 @@ def test_what_assembly_changes_is_said_once(tiny: Tiny, caplog: pytest.LogCaptur
     assert np.abs(found.coordinate_speeds[found.coordinate_values[:, 1] > HIGHEST - ASSEMBLY, 1]).max() > 1.0
 
 
-def test_columns_that_contradict_their_coupler_do_not_pull_the_others(tiny: Tiny) -> None:
+def test_columns_that_contradict_their_coupler_do_not_pull_the_others(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture
+) -> None:
     """OpenSim's assembly has no goal for coupled coordinates, so there is no compromise."""
     strong = 0.5
     setup = write_case(
@@ -124,13 +126,36 @@ def test_columns_that_contradict_their_coupler_do_not_pull_the_others(tiny: Tiny
     theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=names)["values"]
     np.testing.assert_allclose(found.coordinate_values, theirs[:, :2], rtol=0, atol=1e-8)
     np.testing.assert_allclose(theirs[:, 2], strong * theirs[:, 1], rtol=0, atol=1e-8)
+    apart = np.abs(0.3 - 0.5 * TIME - strong * ELBOW)[5:41]
+    row = int(apart.argmax())
+    (text,) = (text for text in warnings_of(caplog) if "ask for" in text)
+    most = f"'slide' by {apart[row]:.3g} m at t = {TIME[5 + row]:.9g} s"
+    assert text == (
+        f"{tiny.moving}: in {(apart > 1e-3).sum()} of 36 rows the columns of slide are not what their "
+        f"couplers ask for, most {most}: the couplers' values are taken, as in OpenSim"
+    )
 
 
-@pytest.mark.parametrize("columns", [ALONE, AGREEING], ids=["held", "mixed"])
-def test_static_optimization_of_a_held_coordinate_is_opensims(
-    columns: dict[str, np.ndarray], tiny: Tiny
+def prescribed(text: str) -> str:
+    """Prescribe the slider: as its column says at no time, and faster and faster."""
+    tag = '<Coordinate name="slide">'
+    function = """<prescribed_function><PolynomialFunction><coefficients>0.1 0.2 0</coefficients>
+        </PolynomialFunction></prescribed_function><prescribed>true</prescribed>"""
+    return text.replace(tag, tag + function)
+
+
+@pytest.mark.parametrize(
+    ("columns", "change"),
+    [
+        pytest.param(ALONE, CLAMPED_ELBOW, id="held"),
+        pytest.param(AGREEING, CLAMPED_ELBOW, id="held in some rows"),
+        pytest.param(AGREEING, lambda text: prescribed(without_constraints(text)), id="prescribed"),
+    ],
+)
+def test_static_optimization_in_assembled_poses_is_opensims(
+    columns: dict[str, np.ndarray], change: Callable[[str], str], tiny: Tiny
 ) -> None:
-    setup = write_case(tiny, columns, CLAMPED_ELBOW)
+    setup = write_case(tiny, columns, change)
     motion = load_motion(setup)
     ours = solve_framewise(static_optimization(motion))
     results = tiny.folder / "results"

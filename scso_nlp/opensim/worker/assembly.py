@@ -32,8 +32,7 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
     It must be asked before anything else assembles the model: the optimizer starts from its last pose.
     """
     rows = kinematics.rows
-    # with a set of constraints OpenSim assembles, and looks at the ranges of all coordinates
-    if model.opensim.getConstraintSet().getSize() == 0:
+    if not model.has_constraint_set:
         return kinematics
     is_outside = _leaves_range(model.coordinates, kinematics.values[rows])
     if not is_outside.any():

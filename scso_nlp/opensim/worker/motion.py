@@ -12,6 +12,7 @@ import numpy as np
 import opensim as osim
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.opensim.worker.coordinates import Coordinates
 from scso_nlp.opensim.worker.exchange import Job, Table
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
@@ -28,6 +29,8 @@ RADIANS_PER_DEGREE = np.pi / 180.0
 SAME_RATIO = 0.01
 #: ... where what is compared has the same course: least cosine of the angle between all values of both [-].
 SAME_COURSE = 0.99
+#: Columns of coupled coordinates that are further from what their couplers ask for are reported [rad or m].
+DIFFERENT = 1e-3
 #: Degree of the splines that give speeds and accelerations.
 DEGREE = 5
 
@@ -74,7 +77,7 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
         values[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
     rows = _selected_rows(time, settings, job.motion.time)
     notes += _notes_on_units(job, model, values[rows])
-    notes += _notes_on_couplers(job, model, values[rows], np.array(columns) >= 0)
+    notes += _notes_on_couplers(job, model, time[rows], values[rows], np.array(columns) >= 0)
     if settings["states"] is not None:
         speeds = _speeds_of_states(settings["states"], model, storage, values)
     else:
@@ -187,7 +190,9 @@ def _notes_on_speeds(
     )
 
 
-def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: BoolArray) -> list[Note]:
+def _notes_on_couplers(
+    job: Job, model: Model, time: FloatArray, values: FloatArray, has_column: BoolArray
+) -> list[Note]:
     """Compare columns of coupled coordinates with what their couplers ask for, values (n_rows, n_u).
 
     Raises
@@ -197,7 +202,8 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
     """
     coordinates, settings = model.coordinates, job.settings
     source = settings["states"] or settings["coordinates"]
-    notes = []
+    notes: list[Note] = []
+    apart = np.zeros_like(values)
     for coupler in coordinates.couplers:
         k = coupler.target
         if not has_column[[k, *coupler.where]].all():
@@ -205,6 +211,7 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
         asked = np.array([coupler.value(row) for row in values])
         times = _other_unit(values[:, k], asked)
         if times is None:
+            apart[:, k] = np.abs(values[:, k] - asked)
             continue
         partners = ", ".join(repr(coordinates.names[j]) for j in coupler.where)
         name = coordinates.names[k]
@@ -221,7 +228,22 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
                 "are"
             )
         notes.append(("WARNING", f"{text}: taken so, as asked"))
+    if (apart > DIFFERENT).any():
+        notes.append(("WARNING", f"{source}: {_largest_difference(coordinates, time, apart)}"))
     return notes
+
+
+def _largest_difference(coordinates: Coordinates, time: FloatArray, apart: FloatArray) -> str:
+    """Say how far columns are from what couplers ask for, shape (n_rows, n_u)."""
+    far = apart > DIFFERENT
+    row, k = np.unravel_index(int(apart.argmax()), apart.shape)
+    names = ", ".join(coordinates.names[j] for j in np.flatnonzero(far.any(axis=0)))
+    unit = "rad" if coordinates.is_rotational[k] else "m"
+    return (
+        f"in {far.any(axis=1).sum()} of {len(time)} rows the columns of {names} are not what their couplers "
+        f"ask for, most {coordinates.names[k]!r} by {apart[row, k]:.3g} {unit} at t = {time[row]:.9g} s: the "
+        "couplers' values are taken, as in OpenSim"
+    )
 
 
 def _other_unit(found: FloatArray, expected: FloatArray) -> str | None:
