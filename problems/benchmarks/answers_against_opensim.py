@@ -33,7 +33,7 @@ from scso_nlp.opensim.engine import opensim_version
 from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup
 from scso_nlp.validation import FloatArray
 
-#: Convergence criterion and most iterations of OpenSim's optimizer in its second run, and about how many frames.
+#: Convergence criterion and most iterations of OpenSim in its second run, and about how many frames.
 TIGHT = {"criterion": 1e-8, "iterations": 500}
 TIGHT_FRAMES = 20
 #: Steps this much smaller than the typical one are too small to filter: OpenSim resamples to the smallest.

@@ -34,7 +34,7 @@ class Model:
         self.is_constrained = len(self.state.getUErr().to_numpy()) > 0
         self.has_constraint_set = self.opensim.getConstraintSet().getSize() > 0
         self.coordinates = read_coordinates(self.opensim, self.state)
-        self.forces = read_forces(self.opensim, self.state)
+        self.forces = read_forces(self.opensim, self.state, settings["outside_force_set"])
         take_off_actuators(self.forces, self.state)
         self.opensim.realizeVelocity(self.state)
         self.bodies = Bodies(self.opensim)
