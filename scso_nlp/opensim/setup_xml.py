@@ -75,7 +75,7 @@ class MotionInput:
     speeds_in_degrees : bool or None
         The same for the angular speeds of `speeds`, which have a header of their own.
     held_coordinates : tuple of str
-        Coordinates that may stay at zero because the motion has no column for them.
+        Coordinates for which the motion needs no column: they stay at zero, with `states` at their default.
     keep_coupled_speeds : bool
         Take the speeds of coupled coordinates from the motion even where they contradict the constraints, as
         OpenSim's static optimization does (logged). False: they follow from the free coordinates.

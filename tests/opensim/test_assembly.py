@@ -88,10 +88,52 @@ def test_a_clamped_coordinate_that_leaves_its_range_has_opensims_values(
     trajectory = load_motion(setup, processes=1).trajectory
     theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=trajectory.coordinates)
     np.testing.assert_array_equal(trajectory.coordinate_values, theirs["values"])
-    is_assembled = change is not without_constraints
-    assert (
-        any("the values of OpenSim's assembly are taken" in text for text in caplog.messages) == is_assembled
+    is_said = any("the values of OpenSim's assembly are taken" in text for text in caplog.messages)
+    assert is_said == (change is not without_constraints)
+
+
+def test_states_are_assembled_as_they_are_analyzed(tiny: Tiny) -> None:
+    setup = write_case(tiny, ALONE, CLAMPED_ELBOW, coordinates_file="", states_file="states.sto")
+    states = {}
+    for name, joint in (("shoulder_flexion", "shoulder"), ("elbow_flexion", "elbow")):
+        states[f"/jointset/{joint}/{name}/value"] = ALONE[name]
+        states[f"/jointset/{joint}/{name}/speed"] = np.gradient(ALONE[name], TIME)
+    write_motion(tiny.folder / "states.sto", TIME, states)
+    found = load_motion(setup, processes=1).trajectory
+    theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=found.coordinates)
+    np.testing.assert_array_equal(found.coordinate_values, theirs["values"])
+    assert np.abs(found.coordinate_values[:, 1] - HIGHEST).min() < ASSEMBLY
+
+
+def test_what_a_states_file_leaves_out_has_its_default(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
+    tag = '<Coordinate name="elbow_flexion">'
+    tiny.model.write_text(tiny.model.read_text().replace(tag, f"{tag}<default_value>0.4</default_value>"))
+    shoulder = "/jointset/shoulder/shoulder_flexion"
+    states = {
+        f"{shoulder}/value": SHOULDER,
+        f"{shoulder}/speed": 0 * TIME,
+        "/jointset/elbow/elbow_flexion/speed": 0,
+    }
+    write_motion(tiny.folder / "states.sto", TIME, states)
+    with caplog.at_level(logging.INFO, "scso_nlp"):
+        found = load_motion(
+            model=tiny.model, states=tiny.folder / "states.sto", held_coordinates="elbow_flexion", processes=1
+        ).trajectory
+    assert any("held at its default value as asked" in text for text in caplog.messages)
+    tiny.setup.write_text(
+        setup_text(
+            coordinates_file="",
+            states_file="states.sto",
+            initial_time="0",
+            final_time="1",
+            external_loads_file="",
+        )
     )
+    theirs = ask_opensim(tiny.folder, kind="assembled", setup=tiny.setup, coordinates=found.coordinates)[
+        "values"
+    ]
+    np.testing.assert_allclose(found.coordinate_values, theirs, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.coordinate_values[:, 1], 0.4, rtol=0, atol=1e-8)
 
 
 def test_what_assembly_changes_is_said_once(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:

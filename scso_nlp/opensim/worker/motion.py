@@ -69,12 +69,15 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
         storage.lowpassIIR(cutoff)
     columns, notes = _value_columns(job, model, storage)
     time = _time(storage)
+    # what coordinates files leave out is zero in OpenSim, what states files leave out has its default
     values = np.zeros((len(time), model.n_u))
+    if settings["states"] is not None:
+        values += model.coordinates.values(model.state)
     for k, column in enumerate(columns):
         if column >= 0:
             values[:, k] = _column(storage, column)
-    if settings["in_degrees"]:
-        values[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
+            if settings["in_degrees"] and model.coordinates.scales_with_degrees[k]:
+                values[:, k] *= RADIANS_PER_DEGREE
     rows = _selected_rows(time, settings, job.motion.time)
     notes += _notes_on_units(job, model, values[rows])
     notes += _notes_on_couplers(job, model, time[rows], values[rows], np.array(columns) >= 0)
@@ -122,15 +125,16 @@ def _notes_on_missing(
 ) -> list[Note]:
     notes = []
     refused = []
+    where = "zero" if settings["states"] is None else "its default value"
     for coordinate in missing:
         name, share = coordinate.getName(), _moved_mass(coordinate, model)
         if name in settings["held_coordinates"]:
-            notes.append(("INFO", f"{source} has no column for {name!r}: held at zero as asked"))
+            notes.append(("INFO", f"{source} has no column for {name!r}: held at {where} as asked"))
         elif share <= LIGHT_SEGMENT:
             notes.append(
                 (
                     "WARNING",
-                    f"{source} has no column for the coordinate {name!r}: held at zero, as OpenSim does "
+                    f"{source} has no column for the coordinate {name!r}: held at {where}, as OpenSim does "
                     f"(it moves {100 * share:.2g} % of the model's mass)",
                 )
             )
@@ -139,7 +143,7 @@ def _notes_on_missing(
     if refused:
         raise NameMismatchError(
             f"{source} has no column for {', '.join(refused)}, coordinates of "
-            f"{os.path.basename(settings['model'])} (OpenSim would hold them at zero; if that is "
+            f"{os.path.basename(settings['model'])} (OpenSim would hold each at {where}; if that is "
             "meant, name them in held_coordinates)"
         )
     return notes
