@@ -245,3 +245,30 @@ def test_everything_about_a_held_pose_is_that_of_a_motion_that_stands_there(
         (held.skeleton.virtual_curvature, there.skeleton.virtual_curvature),
     ):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-7)
+
+
+def test_derivatives_at_a_pose_that_assembly_left_open_keep_what_is_open(tiny: Tiny) -> None:
+    """The same pose with the same derivatives, but no constraint open, by a coupler with an offset."""
+    closed = tiny.model.read_text()
+    setup = write_case(tiny, AGREEING, clamp("slide", 0.006, 0.016), initial_time="0.24", final_time="0.26")
+    left_open = load_motion(setup, curvature_coordinates="all", processes=1).trajectory
+    names = (*left_open.coordinates, "slide")
+    shoulder, elbow, slide = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=names)[
+        "values"
+    ][1].tolist()
+    offset = slide - SLIDE_PER_RADIAN * elbow
+    assert abs(offset) > ASSEMBLY
+    tiny.model.write_text(
+        closed.replace(
+            f"<coefficients>{SLIDE_PER_RADIAN} 0<", f"<coefficients>{SLIDE_PER_RADIAN} {offset!r}<"
+        )
+    )
+    write_motion(tiny.moving, TIME, {"shoulder_flexion": shoulder, "elbow_flexion": elbow})
+    there = load_motion(setup, curvature_coordinates="all", processes=1).trajectory
+    np.testing.assert_allclose(left_open.coordinate_values[1], there.coordinate_values[1], rtol=0, atol=1e-12)
+    assert left_open.curvature is not None
+    assert there.curvature is not None
+    np.testing.assert_allclose(left_open.moment_arms[1], there.moment_arms[1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        left_open.curvature.path_curvature[1], there.curvature.path_curvature[1], rtol=0, atol=1e-8
+    )
