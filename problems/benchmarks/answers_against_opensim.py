@@ -67,7 +67,7 @@ VIOLATION = 1e-3
 
 @dataclass(frozen=True)
 class Difference:
-    """How far two answers are apart in frames that count."""
+    """How far two answers are apart in frames that count; NaN without such frames."""
 
     activation: float  # largest [-]
     muscle: str
@@ -77,8 +77,14 @@ class Difference:
 
     def __str__(self) -> str:
         """Return its two cells."""
+        muscle = f"{self.activation:.1e} ({self.muscle})" if self.muscle else "–"
         actuator = f"{self.control:.1e} ({self.actuator}, peak {self.peak:.2g})" if self.actuator else "–"
-        return f"{self.activation:.1e} ({self.muscle}) | {actuator}" if self.muscle else f"– | {actuator}"
+        return f"{muscle} | {actuator}"
+
+    @property
+    def sizes(self) -> str:
+        """Both numbers, in one cell."""
+        return ", ".join("–" if np.isnan(size) else f"{size:.1e}" for size in (self.activation, self.control))
 
 
 @dataclass(frozen=True)
@@ -91,15 +97,15 @@ class Comparison:
     solved_tight: tuple[int, int]  # by OpenSim with the tight criterion, and how many it was asked for
     as_it_stands: Difference
     tight: Difference
-    from_optimum: float  # largest distance of activations here from DAQP's [-]
-    opensim_from_optimum: float
+    from_optimum: Difference  # of the answer here from DAQP's
+    opensim_from_optimum: Difference
     missed: float  # by OpenSim's answer in our equations of equilibrium [N or N·m]
     largest_moment: float
 
     def __str__(self) -> str:
         """Return the row."""
         solved = f"{self.solved[0]}, {self.solved[1]}, {self.solved_tight[0]} of {self.solved_tight[1]}"
-        ends = f"{self.from_optimum:.1e} | {self.opensim_from_optimum:.1e}"
+        ends = f"{self.from_optimum.sizes} | {self.opensim_from_optimum.sizes}"
         missed = f"{self.missed:.1e} of {self.largest_moment:.2g}"
         cells = f"{self.frames} | {solved} | {self.as_it_stands} | {self.tight} | {ends} | {missed}"
         return f"| {self.title} | {cells} |"
@@ -183,19 +189,19 @@ def optimum(motion: scso.Motion, matrices: FloatArray) -> FloatArray:
 
 def difference(one: FloatArray, other: FloatArray, motion: scso.Motion) -> Difference:
     """Compare two answers, shape (n_frames, n)."""
-    n = motion.muscles.n_muscles
-    apart = np.abs(one - other).max(axis=0, initial=0.0)
-    m = int(apart[:n].argmax()) if n else -1
-    if len(apart) == n:
-        return Difference(apart[m], motion.muscles.muscles[m], 0.0, "", 0.0)
-    peak = np.maximum(np.abs(other).max(axis=0, initial=0.0), 1e-300)[n:]
-    a = int((apart[n:] / peak).argmax())
+    n, apart = motion.muscles.n_muscles, np.abs(one - other)
+    if not apart.size:
+        return Difference(np.nan, "", np.nan, "", np.nan)
+    activation, control = apart.max(axis=0)[:n], apart.max(axis=0)[n:]
+    # the least number keeps actuators that nobody needs from 0 / 0
+    peak = np.abs(other).max(axis=0)[n:] + np.finfo(float).tiny
+    m, a = (int(np.argmax(sizes)) if sizes.size else None for sizes in (activation, control / peak))
     return Difference(
-        activation=apart[m] if n else 0.0,
-        muscle=motion.muscles.muscles[m] if n else "",
-        control=apart[n:][a] / peak[a],
-        actuator=motion.actuators.actuators[a],
-        peak=peak[a] * motion.actuators.optimal_force[a],
+        activation=np.nan if m is None else activation[m],
+        muscle="" if m is None else motion.muscles.muscles[m],
+        control=np.nan if a is None else control[a] / peak[a],
+        actuator="" if a is None else motion.actuators.actuators[a],
+        peak=np.nan if a is None else peak[a] * motion.actuators.optimal_force[a],
     )
 
 
@@ -241,8 +247,8 @@ def compare(setup: Path) -> Comparison:
         solved_tight=(int(is_tight.sum()), len(is_tight)),
         as_it_stands=difference(x[counted], theirs[counted], motion),
         tight=difference(x[rows][strict], exacting[strict], motion),
-        from_optimum=difference(x[known], best[known], motion).activation,
-        opensim_from_optimum=difference(theirs[known], best[known], motion).activation,
+        from_optimum=difference(x[known], best[known], motion),
+        opensim_from_optimum=difference(theirs[known], best[known], motion),
         missed=missed[counted].max(initial=0.0),
         largest_moment=np.abs(moments).max(),
     )
@@ -256,8 +262,8 @@ HEADS = (
     "reserve",
     "activation, tight",
     "reserve, tight",
-    "here from optimum",
-    "OpenSim from optimum",
+    "from optimum: here",
+    "from optimum: OpenSim",
     "OpenSim's answer in our equations [N or N·m]",
 )
 
