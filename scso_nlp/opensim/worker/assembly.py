@@ -51,7 +51,7 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
 
 
 def _leaves_range(coordinates: Coordinates, values: FloatArray) -> BoolArray:
-    """Tell which clamped coordinates are outside their ranges, shape (n_rows, n_u)."""
+    """Tell which clamped coordinates are outside their ranges, shape (n_rows, n_u); coupled ones follow."""
     if any(np.isfinite(coordinates.ranges[coupler.target]).any() for coupler in coordinates.couplers):
         for row in values:
             coordinates.follow(row)
