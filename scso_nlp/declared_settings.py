@@ -248,6 +248,8 @@ SETTINGS = {setting.name: setting for setting in (
         help="Force set files added to the model"),
     Setting("replace_force_set", FLAG, MOTION, example="false", default="the setup's, or false",
         help="Drop the model's own forces before adding actuators"),
+    Setting("outside_force_set", NAMES, MOTION, example='["hamstrings_r", "vasti_r"]', default="none",
+        help="Muscles and actuators outside the model's ForceSet to optimize too, or all; OpenSim does not"),
     Setting("name", TEXT, MOTION, example='"walk"', default="the setup's, or the model file's",
         help="Start of every file name"),
     Setting("initial_time", NUMBER, MOTION, unit="s", example="0.0", default="the setup's, or the motion's",

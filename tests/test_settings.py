@@ -75,6 +75,7 @@ ARRIVES = {
     "external_loads": ("loads.xml", '"loads.xml"', Path("loads.xml")),
     "actuators": ("a.xml,b.xml", '["a.xml", "b.xml"]', (Path("a.xml"), Path("b.xml"))),
     "replace_force_set": (True, "true", True),
+    "outside_force_set": ("a, b", '["a", "b"]', ("a", "b")),
     "name": ("trunk", '"trunk"', "trunk"),
     "initial_time": ("1", "1", 1.0),
     "final_time": ("4.5", "4.5", 4.5),

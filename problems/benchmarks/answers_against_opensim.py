@@ -2,12 +2,13 @@
 
 Usage: python -m problems.benchmarks.answers_against_opensim [SETUP.xml ...] [--data FOLDER] [--output FILE]
 
-Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stands, and with a convergence
-criterion of 1e-8. Frames count where OpenSim's log names no failure and its equations are kept. Activations
-are compared as they are, each reserve and residual relative to its own peak. The exact optimum of the same
-arrays, by the active-set solver DAQP, tells who is right; OpenSim's answer put into our equations of
-equilibrium tells whether they are its own. Where the low-pass filter would make OpenSim resample without end,
-both are asked without it. With `--data`, setups are written for the third-party data there that have none.
+Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stands, and at about 20 of its
+frames with a convergence criterion of 1e-8. Frames count where OpenSim's log names no failure and its
+equations are kept. Activations are compared as they are, each reserve and residual relative to its own peak.
+The exact optimum of the same arrays, by the active-set solver DAQP, tells who is right; OpenSim's answer put
+into our equations of equilibrium tells whether they are its own. Where the low-pass filter would make OpenSim
+resample without end, both are asked without it. With `--data`, setups are written for the third-party data
+there that have none.
 """
 
 from __future__ import annotations
@@ -26,17 +27,19 @@ import numpy as np
 
 import scso_nlp as scso
 from problems.benchmarks.setups import write_setups
+from scso_nlp.exceptions import ScsoError
 from scso_nlp.io.storage import Storage, read_storage
 from scso_nlp.opensim.engine import opensim_version
 from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup
 from scso_nlp.validation import FloatArray
 
-#: Convergence criterion and most iterations of OpenSim's optimizer in the second run.
+#: Convergence criterion and most iterations of OpenSim in its second run, and about how many frames.
 TIGHT = {"criterion": 1e-8, "iterations": 500}
+TIGHT_FRAMES = 20
 #: Steps this much smaller than the typical one are too small to filter: OpenSim resamples to the smallest.
 SMALL_STEP = 1e-3
-#: OpenSim gets no longer than this [s].
-LONGEST = 3600
+#: Times of both differ by no more than what files round [s].
+SAME_TIME = 1e-6
 #: Only this stands between a run of OpenSim and its answer; it cannot share a process with CasADi.
 OPENSIM = """
 import json, sys
@@ -53,6 +56,7 @@ for i in range(analyses.getSize()):
     if analysis is not None and "criterion" in question:
         analysis.setConvergenceCriterion(question["criterion"])
         analysis.setMaxIterations(question["iterations"])
+        analysis.setStepInterval(question["step"])
 tool.run()
 """
 FAILURE = re.compile(r"could not find a solution at time = ([-+.\de]+)\.\n")
@@ -63,7 +67,7 @@ VIOLATION = 1e-3
 
 @dataclass(frozen=True)
 class Difference:
-    """How far two answers are apart in frames that count."""
+    """How far two answers are apart in frames that count; NaN without such frames."""
 
     activation: float  # largest [-]
     muscle: str
@@ -72,9 +76,39 @@ class Difference:
     peak: float  # of that actuator [N or N·m]
 
     def __str__(self) -> str:
-        """Return two cells of the table."""
+        """Return its two cells."""
+        muscle = f"{self.activation:.1e} ({self.muscle})" if self.muscle else "–"
         actuator = f"{self.control:.1e} ({self.actuator}, peak {self.peak:.2g})" if self.actuator else "–"
-        return f"{self.activation:.1e} ({self.muscle}) | {actuator}" if self.muscle else f"– | {actuator}"
+        return f"{muscle} | {actuator}"
+
+    @property
+    def sizes(self) -> str:
+        """Both numbers, in one cell."""
+        return ", ".join("–" if np.isnan(size) else f"{size:.1e}" for size in (self.activation, self.control))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One row of the table."""
+
+    title: str
+    frames: int
+    solved: tuple[int, int]  # here and by OpenSim
+    solved_tight: tuple[int, int]  # by OpenSim with the tight criterion, and how many it was asked for
+    as_it_stands: Difference
+    tight: Difference
+    from_optimum: Difference  # of the answer here from DAQP's
+    opensim_from_optimum: Difference
+    missed: float  # by OpenSim's answer in our equations of equilibrium [N or N·m]
+    largest_moment: float
+
+    def __str__(self) -> str:
+        """Return the row."""
+        solved = f"{self.solved[0]}, {self.solved[1]}, {self.solved_tight[0]} of {self.solved_tight[1]}"
+        ends = f"{self.from_optimum.sizes} | {self.opensim_from_optimum.sizes}"
+        missed = f"{self.missed:.1e} of {self.largest_moment:.2g}"
+        cells = f"{self.frames} | {solved} | {self.as_it_stands} | {self.tight} | {ends} | {missed}"
+        return f"| {self.title} | {cells} |"
 
 
 def ask_opensim(setup: Path, folder: Path, unfiltered: bool, **options: float) -> tuple[Storage, FloatArray]:
@@ -93,7 +127,7 @@ def ask_opensim(setup: Path, folder: Path, unfiltered: bool, **options: float) -
         **options,
     }
     command = [sys.executable, "-c", OPENSIM, json.dumps(question)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LONGEST, cwd=folder)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     found = list(folder.glob("*_activation.sto"))
     if not found:
         raise RuntimeError((done.stderr.strip() or done.stdout.strip()).splitlines()[-1])
@@ -105,7 +139,13 @@ def ask_opensim(setup: Path, folder: Path, unfiltered: bool, **options: float) -
 
 
 def ask_scso(setup: Path, folder: Path, unfiltered: bool) -> tuple[Storage, FloatArray, scso.Motion]:
-    """Return our activations and controls, which of the frames are solved, and the arrays they are about."""
+    """Return our activations and controls, which frames are solved, and the arrays they are about.
+
+    Raises
+    ------
+    RuntimeError
+        There are none.
+    """
     command = [sys.executable, "-m", "scso_nlp.cli", "run", str(setup), "--no-figures", "--keep-failed"]
     command += ["--cache", str(folder / "cache"), "--output", str(folder / "ours")]
     command += ["--lowpass-cutoff-frequency", "-1"] if unfiltered else []
@@ -149,19 +189,19 @@ def optimum(motion: scso.Motion, matrices: FloatArray) -> FloatArray:
 
 def difference(one: FloatArray, other: FloatArray, motion: scso.Motion) -> Difference:
     """Compare two answers, shape (n_frames, n)."""
-    n = motion.muscles.n_muscles
-    apart = np.abs(one - other).max(axis=0, initial=0.0)
-    m = int(apart[:n].argmax()) if n else -1
-    if len(apart) == n:
-        return Difference(apart[m], motion.muscles.muscles[m], 0.0, "", 0.0)
-    peak = np.maximum(np.abs(other).max(axis=0, initial=0.0), 1e-300)[n:]
-    a = int((apart[n:] / peak).argmax())
+    n, apart = motion.muscles.n_muscles, np.abs(one - other)
+    if not apart.size:
+        return Difference(np.nan, "", np.nan, "", np.nan)
+    activation, control = apart.max(axis=0)[:n], apart.max(axis=0)[n:]
+    # the least number keeps actuators that nobody needs from 0 / 0
+    peak = np.abs(other).max(axis=0)[n:] + np.finfo(float).tiny
+    m, a = (int(np.argmax(sizes)) if sizes.size else None for sizes in (activation, control / peak))
     return Difference(
-        activation=apart[m] if n else 0.0,
-        muscle=motion.muscles.muscles[m] if n else "",
-        control=apart[n:][a] / peak[a],
-        actuator=motion.actuators.actuators[a],
-        peak=peak[a] * motion.actuators.optimal_force[a],
+        activation=np.nan if m is None else activation[m],
+        muscle="" if m is None else motion.muscles.muscles[m],
+        control=np.nan if a is None else control[a] / peak[a],
+        actuator="" if a is None else motion.actuators.actuators[a],
+        peak=np.nan if a is None else peak[a] * motion.actuators.optimal_force[a],
     )
 
 
@@ -174,55 +214,56 @@ def is_unfilterable(motion: MotionInput) -> bool:
     return bool(steps.min() < SMALL_STEP * np.median(steps))
 
 
-def compare(name: str, setup: Path) -> str:
-    """Return one row of the table."""
+def compare(setup: Path) -> Comparison:
+    """Ask both about one setup.
+
+    Raises
+    ------
+    RuntimeError
+        One of them gives no answer.
+    """
     wanted = read_analyze_setup(setup)
     unfiltered = is_unfilterable(wanted.motion)
-    title = f"{name}{', without filter' if unfiltered else ''}"
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        try:
-            ours, is_solved, motion = ask_scso(setup, folder, unfiltered)
-        except RuntimeError as error:
-            return f"| {title} | scso: {error} |"
-        try:
-            loose, has_converged = ask_opensim(setup, folder / "as_it_stands", unfiltered)
-            tight, is_tight = ask_opensim(setup, folder / "tight", unfiltered, **TIGHT)
-        except (RuntimeError, subprocess.TimeoutExpired) as error:
-            return f"| {title} | {motion.n_frames} | OpenSim gives no answer: {error} |"
+        ours, is_solved, motion = ask_scso(setup, folder, unfiltered)
+        loose, has_converged = ask_opensim(setup, folder / "as_it_stands", unfiltered)
+        step = wanted.motion.step_interval * -(-len(ours.time) // TIGHT_FRAMES)
+        tight, is_tight = ask_opensim(setup, folder / "tight", unfiltered, step=step, **TIGHT)
+    if loose.time.shape != ours.time.shape or np.abs(loose.time - ours.time).max() > SAME_TIME:
+        raise RuntimeError(f"{len(ours.time)} frames here, {len(loose.time)} in OpenSim, at other times")
     labels = motion.trajectory.muscles + motion.trajectory.actuators
     x, theirs, exacting = (answer.columns(labels) for answer in (ours, loose, tight))
-    if loose.time.shape != ours.time.shape or np.abs(loose.time - ours.time).max() > 1e-6:
-        return f"| {title} | {motion.n_frames} frames here, {len(loose.time)} in OpenSim |"
     matrices, moments = equations(motion, wanted.use_muscle_physiology), motion.trajectory.generalized_forces
     best = optimum(motion, matrices) if wanted.activation_exponent == 2.0 else np.full_like(x, np.nan)
-    counted = is_solved & has_converged
-    strict = is_solved & is_tight
+    rows = np.abs(ours.time - tight.time[:, None]).argmin(axis=1)
+    counted, strict = is_solved & has_converged, is_solved[rows] & is_tight
     known = counted & np.isfinite(best).all(axis=1)
-    missed = np.abs(np.einsum("kcx,kx->kc", matrices, theirs) - moments)[counted].max(initial=0.0)
-    cells = [
-        title,
-        f"{len(x)}",
-        f"{is_solved.sum()}, {has_converged.sum()}, {is_tight.sum()}",
-        str(difference(x[counted], theirs[counted], motion)),
-        str(difference(x[strict], exacting[strict], motion)),
-        f"{difference(x[known], best[known], motion).activation:.1e}",
-        f"{difference(theirs[known], best[known], motion).activation:.1e}",
-        f"{missed:.1e} of {np.abs(moments).max():.2g}",
-    ]
-    return f"| {' | '.join(cells)} |"
+    missed = np.abs(np.einsum("kcx,kx->kc", matrices, theirs) - moments)
+    return Comparison(
+        title=f"{setup.parent.name}/{setup.name}{', without filter' if unfiltered else ''}",
+        frames=len(x),
+        solved=(int(is_solved.sum()), int(has_converged.sum())),
+        solved_tight=(int(is_tight.sum()), len(is_tight)),
+        as_it_stands=difference(x[counted], theirs[counted], motion),
+        tight=difference(x[rows][strict], exacting[strict], motion),
+        from_optimum=difference(x[known], best[known], motion),
+        opensim_from_optimum=difference(theirs[known], best[known], motion),
+        missed=missed[counted].max(initial=0.0),
+        largest_moment=np.abs(moments).max(),
+    )
 
 
 HEADS = (
     "setup",
     "frames",
-    "solved here / by OpenSim / tight",
+    "solved here, by OpenSim, tight",
     "activation",
     "reserve",
     "activation, tight",
     "reserve, tight",
-    "here from optimum",
-    "OpenSim from optimum",
+    "from optimum: here",
+    "from optimum: OpenSim",
     "OpenSim's answer in our equations [N or N·m]",
 )
 
@@ -243,7 +284,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         made = write_setups(arguments.data.resolve(), Path(scratch)) if arguments.data else []
         for setup in [*arguments.setups, *made]:
-            lines.append(compare(f"{setup.parent.name}/{setup.name}", setup.resolve()))
+            try:
+                lines.append(str(compare(setup.resolve())))
+            except (RuntimeError, ScsoError) as error:
+                lines.append(f"| {setup.parent.name}/{setup.name} | no comparison: {error} |")
             print(lines[-1], flush=True)
     if arguments.output is not None:
         arguments.output.write_text("\n".join(lines) + "\n", encoding="utf-8")

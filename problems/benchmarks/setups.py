@@ -90,7 +90,7 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
                 actuators=_reserves(model),
                 start="-Inf",
                 end="Inf",
-                step=50,
+                step=130,
                 cutoff=-1,
             )
         )

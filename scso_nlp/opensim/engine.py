@@ -84,7 +84,8 @@ def load_motion(
     -----
     Coordinates, speeds and accelerations are those of OpenSim's static optimization. Where coordinates
     depend on others (couplers, closed loops), their values and accelerations follow from the constraints; so
-    do their speeds with ``keep_coupled_speeds=False``.
+    do their speeds with ``keep_coupled_speeds=False``. Where a model with a ConstraintSet clamps a coordinate
+    to a range that the motion leaves, values are those of OpenSim's own assembly (logged); speeds stay.
     """
     if isinstance(setup, (str, os.PathLike)):
         setup = read_analyze_setup(setup)

@@ -56,6 +56,9 @@ class MotionInput:
         Force set files that are added to the model.
     replace_force_set : bool
         Drop the model's own forces first.
+    outside_force_set : tuple of str
+        Muscles and actuators outside the model's ForceSet that are unknowns too, by name or path; "all" is
+        all of them. The others act in their default state, as in OpenSim's static optimization.
     initial_time, final_time : float or None [s]
         Range to analyze; None or infinity is the whole motion. A range that reaches beyond the motion is cut
         to it (logged). As in OpenSim no frame is interpolated: the range starts and ends with the last frame
@@ -72,7 +75,7 @@ class MotionInput:
     speeds_in_degrees : bool or None
         The same for the angular speeds of `speeds`, which have a header of their own.
     held_coordinates : tuple of str
-        Coordinates that may stay at zero because the motion has no column for them.
+        Coordinates for which the motion needs no column: they stay at zero, with `states` at their default.
     keep_coupled_speeds : bool
         Take the speeds of coupled coordinates from the motion even where they contradict the constraints, as
         OpenSim's static optimization does (logged). False: they follow from the free coordinates.
@@ -91,6 +94,7 @@ class MotionInput:
     external_loads: Path | None = None
     actuators: tuple[Path, ...] = ()
     replace_force_set: bool = False
+    outside_force_set: tuple[str, ...] = ()
     initial_time: float | None = None
     final_time: float | None = None
     lowpass_cutoff_frequency: float | None = None
@@ -111,7 +115,7 @@ class MotionInput:
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
         set_field(self, "actuators", tuple(_absolute(path) for path in self.actuators))
-        for name in ("held_coordinates", "curvature_coordinates"):
+        for name in ("outside_force_set", "held_coordinates", "curvature_coordinates"):
             names = getattr(self, name)
             set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
         set_field(self, "curvature_coordinates", unique_names("coordinate", self.curvature_coordinates))

@@ -354,9 +354,7 @@ def _statuses(
     failed: BoolArray = np.array([not found.is_solved for found in status])
     impossible = {entry.proof.frame: entry for entry in outcome.impossible if entry.proof.holds}
     # What looks acceptable may be the best compromise between rows that contradict each other.
-    loose = (
-        np.maximum(violation / FEASIBILITY_TOLERANCE, np.nan_to_num(feasibility) / OPTIMALITY_TOLERANCE) > 1
-    )
+    loose = (violation > FEASIBILITY_TOLERANCE) | (np.nan_to_num(feasibility) > OPTIMALITY_TOLERANCE)
     for frame in np.flatnonzero(failed | loose).tolist():
         if frame not in impossible and (alone := contradiction(program, np.array([frame]))) is not None:
             impossible[frame] = alone

@@ -88,10 +88,52 @@ def test_a_clamped_coordinate_that_leaves_its_range_has_opensims_values(
     trajectory = load_motion(setup, processes=1).trajectory
     theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=trajectory.coordinates)
     np.testing.assert_array_equal(trajectory.coordinate_values, theirs["values"])
-    is_assembled = change is not without_constraints
-    assert (
-        any("the values of OpenSim's assembly are taken" in text for text in caplog.messages) == is_assembled
+    is_said = any("the values of OpenSim's assembly are taken" in text for text in caplog.messages)
+    assert is_said == (change is not without_constraints)
+
+
+def test_states_are_assembled_as_they_are_analyzed(tiny: Tiny) -> None:
+    setup = write_case(tiny, ALONE, CLAMPED_ELBOW, coordinates_file="", states_file="states.sto")
+    states = {}
+    for name, joint in (("shoulder_flexion", "shoulder"), ("elbow_flexion", "elbow")):
+        states[f"/jointset/{joint}/{name}/value"] = ALONE[name]
+        states[f"/jointset/{joint}/{name}/speed"] = np.gradient(ALONE[name], TIME)
+    write_motion(tiny.folder / "states.sto", TIME, states)
+    found = load_motion(setup, processes=1).trajectory
+    theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=found.coordinates)
+    np.testing.assert_array_equal(found.coordinate_values, theirs["values"])
+    assert np.abs(found.coordinate_values[:, 1] - HIGHEST).min() < ASSEMBLY
+
+
+def test_what_a_states_file_leaves_out_has_its_default(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
+    tag = '<Coordinate name="elbow_flexion">'
+    tiny.model.write_text(tiny.model.read_text().replace(tag, f"{tag}<default_value>0.4</default_value>"))
+    shoulder = "/jointset/shoulder/shoulder_flexion"
+    states = {
+        f"{shoulder}/value": SHOULDER,
+        f"{shoulder}/speed": 0 * TIME,
+        "/jointset/elbow/elbow_flexion/speed": 0,
+    }
+    write_motion(tiny.folder / "states.sto", TIME, states)
+    with caplog.at_level(logging.INFO, "scso_nlp"):
+        found = load_motion(
+            model=tiny.model, states=tiny.folder / "states.sto", held_coordinates="elbow_flexion", processes=1
+        ).trajectory
+    assert any("held at its default value as asked" in text for text in caplog.messages)
+    tiny.setup.write_text(
+        setup_text(
+            coordinates_file="",
+            states_file="states.sto",
+            initial_time="0",
+            final_time="1",
+            external_loads_file="",
+        )
     )
+    theirs = ask_opensim(tiny.folder, kind="assembled", setup=tiny.setup, coordinates=found.coordinates)[
+        "values"
+    ]
+    np.testing.assert_allclose(found.coordinate_values, theirs, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.coordinate_values[:, 1], 0.4, rtol=0, atol=1e-8)
 
 
 def test_what_assembly_changes_is_said_once(tiny: Tiny, caplog: pytest.LogCaptureFixture) -> None:
@@ -111,7 +153,9 @@ def test_what_assembly_changes_is_said_once(tiny: Tiny, caplog: pytest.LogCaptur
     assert np.abs(found.coordinate_speeds[found.coordinate_values[:, 1] > HIGHEST - ASSEMBLY, 1]).max() > 1.0
 
 
-def test_columns_that_contradict_their_coupler_do_not_pull_the_others(tiny: Tiny) -> None:
+def test_columns_that_contradict_their_coupler_do_not_pull_the_others(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture
+) -> None:
     """OpenSim's assembly has no goal for coupled coordinates, so there is no compromise."""
     strong = 0.5
     setup = write_case(
@@ -124,13 +168,36 @@ def test_columns_that_contradict_their_coupler_do_not_pull_the_others(tiny: Tiny
     theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=names)["values"]
     np.testing.assert_allclose(found.coordinate_values, theirs[:, :2], rtol=0, atol=1e-8)
     np.testing.assert_allclose(theirs[:, 2], strong * theirs[:, 1], rtol=0, atol=1e-8)
+    apart = np.abs(0.3 - 0.5 * TIME - strong * ELBOW)[5:41]
+    row = int(apart.argmax())
+    (text,) = (text for text in warnings_of(caplog) if "ask for" in text)
+    most = f"'slide' by {apart[row]:.3g} m at t = {TIME[5 + row]:.9g} s"
+    assert text == (
+        f"{tiny.moving}: in {(apart > 1e-3).sum()} of 36 rows the columns of slide are not what their "
+        f"couplers ask for, most {most}: the couplers' values are taken, as in OpenSim"
+    )
 
 
-@pytest.mark.parametrize("columns", [ALONE, AGREEING], ids=["held", "mixed"])
-def test_static_optimization_of_a_held_coordinate_is_opensims(
-    columns: dict[str, np.ndarray], tiny: Tiny
+def prescribed(text: str) -> str:
+    """Prescribe the slider: as its column says at no time, and faster and faster."""
+    tag = '<Coordinate name="slide">'
+    function = """<prescribed_function><PolynomialFunction><coefficients>0.1 0.2 0</coefficients>
+        </PolynomialFunction></prescribed_function><prescribed>true</prescribed>"""
+    return text.replace(tag, tag + function)
+
+
+@pytest.mark.parametrize(
+    ("columns", "change"),
+    [
+        pytest.param(ALONE, CLAMPED_ELBOW, id="held"),
+        pytest.param(AGREEING, CLAMPED_ELBOW, id="held in some rows"),
+        pytest.param(AGREEING, lambda text: prescribed(without_constraints(text)), id="prescribed"),
+    ],
+)
+def test_static_optimization_in_assembled_poses_is_opensims(
+    columns: dict[str, np.ndarray], change: Callable[[str], str], tiny: Tiny
 ) -> None:
-    setup = write_case(tiny, columns, CLAMPED_ELBOW)
+    setup = write_case(tiny, columns, change)
     motion = load_motion(setup)
     ours = solve_framewise(static_optimization(motion))
     results = tiny.folder / "results"
@@ -178,3 +245,30 @@ def test_everything_about_a_held_pose_is_that_of_a_motion_that_stands_there(
         (held.skeleton.virtual_curvature, there.skeleton.virtual_curvature),
     ):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-7)
+
+
+def test_derivatives_at_a_pose_that_assembly_left_open_keep_what_is_open(tiny: Tiny) -> None:
+    """The same pose with the same derivatives, but no constraint open, by a coupler with an offset."""
+    closed = tiny.model.read_text()
+    setup = write_case(tiny, AGREEING, clamp("slide", 0.006, 0.016), initial_time="0.24", final_time="0.26")
+    left_open = load_motion(setup, curvature_coordinates="all", processes=1).trajectory
+    names = (*left_open.coordinates, "slide")
+    shoulder, elbow, slide = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=names)[
+        "values"
+    ][1].tolist()
+    offset = slide - SLIDE_PER_RADIAN * elbow
+    assert abs(offset) > ASSEMBLY
+    tiny.model.write_text(
+        closed.replace(
+            f"<coefficients>{SLIDE_PER_RADIAN} 0<", f"<coefficients>{SLIDE_PER_RADIAN} {offset!r}<"
+        )
+    )
+    write_motion(tiny.moving, TIME, {"shoulder_flexion": shoulder, "elbow_flexion": elbow})
+    there = load_motion(setup, curvature_coordinates="all", processes=1).trajectory
+    np.testing.assert_allclose(left_open.coordinate_values[1], there.coordinate_values[1], rtol=0, atol=1e-12)
+    assert left_open.curvature is not None
+    assert there.curvature is not None
+    np.testing.assert_allclose(left_open.moment_arms[1], there.moment_arms[1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        left_open.curvature.path_curvature[1], there.curvature.path_curvature[1], rtol=0, atol=1e-8
+    )

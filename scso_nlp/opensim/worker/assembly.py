@@ -32,8 +32,7 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
     It must be asked before anything else assembles the model: the optimizer starts from its last pose.
     """
     rows = kinematics.rows
-    # with a set of constraints OpenSim assembles, and looks at the ranges of all coordinates
-    if model.opensim.getConstraintSet().getSize() == 0:
+    if not model.has_constraint_set:
         return kinematics
     is_outside = _leaves_range(model.coordinates, kinematics.values[rows])
     if not is_outside.any():
@@ -52,7 +51,7 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
 
 
 def _leaves_range(coordinates: Coordinates, values: FloatArray) -> BoolArray:
-    """Tell which clamped coordinates are outside their ranges, shape (n_rows, n_u)."""
+    """Tell which clamped coordinates are outside their ranges, shape (n_rows, n_u); coupled ones follow."""
     if any(np.isfinite(coordinates.ranges[coupler.target]).any() for coupler in coordinates.couplers):
         for row in values:
             coordinates.follow(row)

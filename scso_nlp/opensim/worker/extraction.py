@@ -185,7 +185,7 @@ class Extraction:
                 (
                     "WARNING",
                     "muscles and actuators outside the model's ForceSet act in their default state and are "
-                    f"not optimized, as in OpenSim (move them into the ForceSet to use them): {names}",
+                    f"not optimized, as in OpenSim (name them in outside_force_set to use them): {names}",
                 )
             )
         coordinates, gone = self._model.coordinates, self._poses.elimination.gone

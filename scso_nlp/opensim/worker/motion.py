@@ -12,6 +12,7 @@ import numpy as np
 import opensim as osim
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.opensim.worker.coordinates import Coordinates
 from scso_nlp.opensim.worker.exchange import Job, Table
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
@@ -30,6 +31,8 @@ METRES_PER_MILLIMETRE = 1e-3
 SAME_RATIO = 0.01
 #: ... where what is compared has the same course: least cosine of the angle between all values of both [-].
 SAME_COURSE = 0.99
+#: Columns of coupled coordinates that are further from what their couplers ask for are reported [rad or m].
+DIFFERENT = 1e-3
 #: Degree of the splines that give speeds and accelerations.
 DEGREE = 5
 
@@ -68,15 +71,18 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
         storage.lowpassIIR(cutoff)
     columns, notes = _value_columns(job, model, storage)
     time = _time(storage)
+    # what coordinates files leave out is zero in OpenSim, what states files leave out has its default
     values = np.zeros((len(time), model.n_u))
+    if settings["states"] is not None:
+        values += model.coordinates.values(model.state)
     for k, column in enumerate(columns):
         if column >= 0:
             values[:, k] = _column(storage, column)
-    if settings["in_degrees"]:
-        values[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
+            if settings["in_degrees"] and model.coordinates.scales_with_degrees[k]:
+                values[:, k] *= RADIANS_PER_DEGREE
     rows = _selected_rows(time, settings, job.motion.time)
     notes += _notes_on_units(job, model, values[rows])
-    notes += _notes_on_couplers(job, model, values[rows], np.array(columns) >= 0)
+    notes += _notes_on_couplers(job, model, time[rows], values[rows], np.array(columns) >= 0)
     if settings["states"] is not None:
         speeds = _speeds_of_states(settings["states"], model, storage, values)
     else:
@@ -121,15 +127,16 @@ def _notes_on_missing(
 ) -> list[Note]:
     notes = []
     refused = []
+    where = "zero" if settings["states"] is None else "its default value"
     for coordinate in missing:
         name, share = coordinate.getName(), _moved_mass(coordinate, model)
         if name in settings["held_coordinates"]:
-            notes.append(("INFO", f"{source} has no column for {name!r}: held at zero as asked"))
+            notes.append(("INFO", f"{source} has no column for {name!r}: held at {where} as asked"))
         elif share <= LIGHT_SEGMENT:
             notes.append(
                 (
                     "WARNING",
-                    f"{source} has no column for the coordinate {name!r}: held at zero, as OpenSim does "
+                    f"{source} has no column for the coordinate {name!r}: held at {where}, as OpenSim does "
                     f"(it moves {100 * share:.2g} % of the model's mass)",
                 )
             )
@@ -138,7 +145,7 @@ def _notes_on_missing(
     if refused:
         raise NameMismatchError(
             f"{source} has no column for {', '.join(refused)}, coordinates of "
-            f"{os.path.basename(settings['model'])} (OpenSim would hold them at zero; if that is "
+            f"{os.path.basename(settings['model'])} (OpenSim would hold each at {where}; if that is "
             "meant, name them in held_coordinates)"
         )
     return notes
@@ -199,7 +206,9 @@ def _notes_on_speeds(
     )
 
 
-def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: BoolArray) -> list[Note]:
+def _notes_on_couplers(
+    job: Job, model: Model, time: FloatArray, values: FloatArray, has_column: BoolArray
+) -> list[Note]:
     """Compare columns of coupled coordinates with what their couplers ask for, values (n_rows, n_u).
 
     Raises
@@ -209,7 +218,8 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
     """
     coordinates, settings = model.coordinates, job.settings
     source = settings["states"] or settings["coordinates"]
-    notes = []
+    notes: list[Note] = []
+    apart = np.zeros_like(values)
     for coupler in coordinates.couplers:
         k = coupler.target
         if not has_column[[k, *coupler.where]].all():
@@ -226,8 +236,10 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
                     f"{text}; divide by 1000, take the column out, or set keep_coupled_speeds = false"
                 )
             notes.append(("WARNING", text))
+            continue
         times = _other_unit(values[:, k], asked, RADIANS_PER_DEGREE)
         if times is None:
+            apart[:, k] = np.abs(values[:, k] - asked)
             continue
         text = text.format(times)
         if coordinates.is_rotational[k] or not coordinates.scales_with_degrees[coupler.where].all():
@@ -242,7 +254,22 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
                 "are"
             )
         notes.append(("WARNING", f"{text}: taken so, as asked"))
+    if (apart > DIFFERENT).any():
+        notes.append(("WARNING", f"{source}: {_largest_difference(coordinates, time, apart)}"))
     return notes
+
+
+def _largest_difference(coordinates: Coordinates, time: FloatArray, apart: FloatArray) -> str:
+    """Say how far columns are from what couplers ask for, shape (n_rows, n_u)."""
+    far = apart > DIFFERENT
+    row, k = np.unravel_index(int(apart.argmax()), apart.shape)
+    names = ", ".join(coordinates.names[j] for j in np.flatnonzero(far.any(axis=0)))
+    unit = "rad" if coordinates.is_rotational[k] else "m"
+    return (
+        f"in {far.any(axis=1).sum()} of {len(time)} rows the columns of {names} are not what their couplers "
+        f"ask for, most {coordinates.names[k]!r} by {apart[row, k]:.3g} {unit} at t = {time[row]:.9g} s: the "
+        "couplers' values are taken, as in OpenSim"
+    )
 
 
 def _other_unit(found: FloatArray, expected: FloatArray, unit: float) -> str | None:

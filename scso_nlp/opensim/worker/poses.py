@@ -84,7 +84,10 @@ class Poses:
             if not is_locked:
                 coordinate.setSpeedValue(state, speed)
         model.opensim.realizePosition(state)
-        if model.is_constrained and not is_assembled and largest_error(state) > POSE_TOLERANCE:
+        # a projection gives prescribed coordinates their speeds too
+        is_projected = coordinates.is_prescribed.any() and not model.has_constraint_set
+        is_open = model.is_constrained and not is_assembled and largest_error(state) > POSE_TOLERANCE
+        if is_projected or is_open:
             model.opensim.assemble(state)
         model.opensim.realizeVelocity(state)
 
