@@ -369,7 +369,7 @@ def test_the_oracles_see_what_is_not_the_optimum_and_what_keeps_no_row(rng, expo
     problem = drawn(rng, exponent, 5.0)
     solution = scso.solve_trajectory(problem)
     assert [_outcome("as it is", problem, solution, k) for k in range(3)] == ["right"] * 3
-    effort = scso.ActivationEffort(exponent=exponent, weights={"*": 1.0, "m[12]": 2.0, "reserve*": 0.5})
+    effort = scso.ActivationEffort(exponent=exponent, weights={"*": 1.0, "m[12]": 20.0, "reserve*": 0.5})
     others = (dataclasses.replace(problem, objectives=(effort,)), with_moments(problem, 1 + 1e-5))
     for other, expected in zip(others, ("above a bound", "rows or bounds are missed"), strict=True):
         wrong = scso.solve_trajectory(other)
