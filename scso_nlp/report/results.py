@@ -43,7 +43,7 @@ from scso_nlp.report.folder import (
     worth,
 )
 from scso_nlp.signals import undisturbed
-from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
+from scso_nlp.solution import InfeasibilityProof, MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
 
 _LOG = logging.getLogger("scso_nlp")
@@ -563,13 +563,28 @@ def _report(solution: Solution, record: RunRecord, baseline: Solution | None) ->
             "lines": solution.verdict.lines(baseline.verdict if baseline else None),
         },
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
-        "infeasibility": [
-            {**asdict(proof), "margin": proof.margin, "text": str(proof)} for proof in solution.infeasibility
-        ],
+        "infeasibility": [_proof(proof) for proof in solution.infeasibility],
         "notes": list(record.notes),
     }
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _proof(proof: InfeasibilityProof) -> dict[str, object]:
+    """Which rows exclude each other, with what multipliers; their entries follow from the inputs."""
+    rows = zip(
+        proof.constraints, proof.rows, proof.frames, proof.multipliers, proof.units, proof.turns, strict=True
+    )
+    return {
+        "frame": proof.frame,
+        "time": proof.time,
+        "margin": proof.margin,
+        "text": str(proof),
+        "rows": [
+            {"constraint": name, "row": row, "frame": k, "multiplier": y, "unit": f"1/({unit})", "turn": turn}
+            for name, row, k, y, unit, turn in rows
+        ],
+    }
 
 
 def _plain(value: Any) -> Any:

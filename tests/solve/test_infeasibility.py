@@ -217,12 +217,6 @@ def test_a_proof_stands_in_the_report_in_words_and_numbers(tmp_path):
     (written,) = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["infeasibility"]
     (proof,) = solution.infeasibility
     assert written["text"] == str(proof)
-    assert written["rows"] == list(proof.rows)
-    again = dataclasses.replace(
-        proof,
-        **{
-            name: np.array(written[name])
-            for name in ("multipliers", "matrix", "row_lower", "row_upper", "size", "lower", "upper")
-        },
-    )
-    assert again.margin == proof.margin > 0.01
+    assert [entry["row"] for entry in written["rows"]] == list(proof.rows)
+    assert [entry["multiplier"] for entry in written["rows"]] == proof.multipliers.tolist()
+    assert written["margin"] == proof.margin
