@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import logging
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import (
@@ -26,6 +23,7 @@ from scso_nlp.declared_settings import (
     of_type,
 )
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
+from scso_nlp.files import read_text, read_toml
 from scso_nlp.opensim.setup_xml import (
     DEFAULT_OUTPUT_PRECISION,
     AnalyzeSetup,
@@ -35,6 +33,7 @@ from scso_nlp.opensim.setup_xml import (
 )
 from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
+from scso_nlp.text import number
 from scso_nlp.validation import nearest, unique_names
 
 _LOG = logging.getLogger("scso_nlp")
@@ -175,7 +174,7 @@ def read_settings(
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
     changed = _checked(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
-        given = _checked(_parse(path), str(path), path.absolute().parent)
+        given = _checked(read_toml(path), str(path), path.absolute().parent)
     elif "setup" in changed:
         raise ProblemError(f"{path} is taken as a setup, but the options name another: leave one of them out")
     else:
@@ -186,16 +185,6 @@ def read_settings(
     given |= changed
     output = OutputSettings(**_fields("output", given))
     return _run_settings(given, path.absolute(), output), output
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is not TOML: {error}") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
 def _checked(
@@ -306,11 +295,13 @@ def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
 
 def _passive_table(path: Path) -> dict[str, float]:
     """Read passive stiffness by row, and published stiffness of lumbar joints, from a TOML file."""
-    given = _parse(path)
+    given = read_toml(path)
     try:
         tables = of_type(given.pop("lumbar", []), list[dict[str, int | str | list[str]]])
         stiffness = of_type(given, dict[str, float])
         published = lumbar_passive_stiffness(*(_lumbar_joint(table) for table in tables))
+    except DataError as error:
+        raise type(error)(f"{path}: {error}") from None
     except (ValueError, TypeError):
         raise DataError(
             f"{path}: expected lines of the form row = number [N.m/rad], and tables [[lumbar]] with levels "
@@ -332,15 +323,19 @@ def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> 
     """Read a matrix of passive stiffness: a first line of coordinates, then one line of numbers each."""
     if method != "full":
         raise ProblemError(f"{path} couples coordinates, which only stability 'full' can use; expected .toml")
+    rows = [[cell.strip() for cell in line.split(",")] for line in read_text(path).splitlines() if line.strip()]
+    names = tuple(rows[0]) if rows else ()
     try:
-        lines = path.read_text(encoding="utf-8-sig").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    rows = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
-    names = unique_names("coordinate", rows[0] if rows else ())
-    try:
-        matrix = np.array([[float(cell) for cell in row] for row in rows[1:]])
+        matrix = [[number(cell) for cell in row] for row in rows[1:]]
     except ValueError:
-        raise FileFormatError(f"{path}: expected a line of coordinates, then lines of numbers") from None
+        matrix = []
+    if not all(names) or [len(names)] * len(names) != [len(row) for row in matrix]:
+        raise FileFormatError(
+            f"{path}: expected a line of coordinates, then for each of them a line of as many numbers"
+        )
     chosen = names if chosen is None else chosen
-    return {"coordinates": chosen, "passive_matrix": passive_matrix(chosen, matrix, names)}
+    try:
+        unique_names("coordinate", names)
+        return {"coordinates": chosen, "passive_matrix": passive_matrix(chosen, matrix, names)}
+    except DataError as error:
+        raise type(error)(f"{path}: {error}") from None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copyreg
 import difflib
 import fnmatch
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.text import shown
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,19 +61,94 @@ def read_only(
     DataError
         Not numeric, wrong shape, or not finite (the first bad index is named).
     """
+    array = _of_shape(name, _numbers(name, values), shape, axes).astype(np.float64, order="C")
+    if finite and not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name} is {array[where]} at index {where} of ({axes}), expected a finite number")
+    array.flags.writeable = False
+    return array
+
+
+def read_only_integers(
+    name: str, values: object, shape: Sequence[int], axes: str, *, least: int, below: int
+) -> IntArray:
+    """Copy `values` to a read-only array of whole numbers.
+
+    Parameters
+    ----------
+    name, values, shape, axes
+        As for :func:`read_only`.
+    least, below : int
+        The numbers lie between, `below` itself left out.
+
+    Returns
+    -------
+    ndarray of int, shape `shape`
+
+    Raises
+    ------
+    DataError
+        Not whole, wrong shape, less than `least` or not less than `below`.
+    """
+    array = read_only(name, values, shape, axes)
+    wrong = np.argwhere((array != np.round(array)) | (array < least) | (array >= below))
+    if len(wrong):
+        where = tuple(int(i) for i in wrong[0])
+        raise DataError(
+            f"{name} is {array[where]:g} at index {where} of ({axes}), expected whole numbers from {least} to "
+            f"{below - 1}"
+        )
+    whole = array.astype(np.int64)
+    whole.flags.writeable = False
+    return whole
+
+
+def read_only_flags(name: str, values: object, shape: Sequence[int], axes: str) -> BoolArray:
+    """Copy `values` to a read-only array of true and false; 0 and 1 will do.
+
+    Parameters
+    ----------
+    name, values, shape, axes
+        As for :func:`read_only`.
+
+    Returns
+    -------
+    ndarray of bool, shape `shape`
+
+    Raises
+    ------
+    DataError
+        Something else, or the wrong shape.
+    """
+    array = _of_shape(name, _numbers(name, values), shape, axes)
+    if not ((array == 0) | (array == 1)).all():
+        raise DataError(f"{name} has other entries than true and false")
+    flags = array.astype(np.bool_)
+    flags.flags.writeable = False
+    return flags
+
+
+def _numbers(name: str, values: object) -> np.ndarray:
+    """Read real numbers of any kind; text, dates, complex numbers and gaps are none."""
+    if np.ma.is_masked(values):
+        raise DataError(f"{name} has masked entries, expected a number in each; fill them or leave them out")
     try:
-        array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{name} cannot be read as numbers: {error}") from None
+        array = np.asarray(values)
+    except ValueError:
+        raise DataError(f"{name} cannot be read as numbers: its rows differ in length") from None
+    if array.dtype.kind == "O" and all(isinstance(entry, numbers.Real) for entry in array.flat):
+        array = array.astype(np.float64)
+    if array.size and array.dtype.kind not in "biuf":
+        raise DataError(f"{name} cannot be read as numbers: found {shown(array.flat[0])} in it")
+    return array
+
+
+def _of_shape(name: str, array: np.ndarray, shape: Sequence[int], axes: str) -> np.ndarray:
     expected = tuple(shape)
     if array.ndim != len(expected) or any(
         e not in (-1, n) for e, n in zip(expected, array.shape, strict=True)
     ):
         raise DataError(f"{name} has shape {array.shape}, expected {expected} = ({axes})")
-    if finite and not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise DataError(f"{name} is {array[where]} at index {where} of ({axes}), expected a finite number")
-    array.flags.writeable = False
     return array
 
 

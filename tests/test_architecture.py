@@ -34,6 +34,7 @@ SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcriptio
 #: The rooms of the house from bottom to top. A room knows those below it, never those above.
 LAYERS = (
     "exceptions",
+    "text",
     "files",
     "validation",
     "trajectory",
@@ -66,12 +67,19 @@ LAYERS = (
 #: The one package that may import OpenSim; it runs in processes of its own.
 WORKER = "scso_nlp.opensim.worker"
 #: All that a worker may load of this package besides itself.
-OF_USE_TO_THE_WORKER = ("scso_nlp", "scso_nlp.exceptions", "scso_nlp.opensim", "scso_nlp.validation")
+OF_USE_TO_THE_WORKER = (
+    "scso_nlp",
+    "scso_nlp.exceptions",
+    "scso_nlp.opensim",
+    "scso_nlp.text",
+    "scso_nlp.validation",
+)
 
 #: Parts that work without CasADi, so that they can share a process with OpenSim or start fast.
 WITHOUT_CASADI = (
     "scso_nlp",
     "scso_nlp.exceptions",
+    "scso_nlp.text",
     "scso_nlp.files",
     "scso_nlp.validation",
     "scso_nlp.trajectory",

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +27,8 @@ from types import MappingProxyType
 from typing import Any
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import read_toml
+from scso_nlp.text import shown
 from scso_nlp.validation import matches, nearest, positions, unique_names
 
 #: The version of the map file that this module reads.
@@ -162,16 +163,12 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         Not TOML, an unknown key, or a value of the wrong kind.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is not TOML: {error}") from None
+    content = read_toml(path)
     _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
-    if content.get("format") != MAP_FORMAT:
+    found = content.get("format", "no such line")
+    if found is True or found != MAP_FORMAT:
         raise FileFormatError(
-            f"{path} has format = {content.get('format')!r}, expected format = {MAP_FORMAT} as its first line"
+            f"{path}: format is {shown(found)}, expected format = {MAP_FORMAT} as the first line"
         )
     groups = _entries(path, "groups", content, ("channels", "muscles"))
     pairs = _entries(path, "pairs", content, ("numerator", "denominator"))
@@ -182,7 +179,7 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
             or not isinstance(reference, int | float)
             or not 0 < reference < math.inf
         ):
-            raise FileFormatError(f"{path}: mvc.{channel} is {reference!r}, expected a number above 0")
+            raise FileFormatError(f"{path}: mvc.{channel} is {shown(reference)}, expected a number above 0")
     return EmgMap(
         groups=tuple(MuscleGroup(name=name, **lists) for name, lists in groups.items()),
         pairs=tuple(GroupPair(name=name, **lists) for name, lists in pairs.items()),
@@ -214,7 +211,7 @@ def _entries(
 
 def _table(path: Path, where: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a table")
+        raise FileFormatError(f"{path}: {where} is {shown(value)}, expected a table")
     return value
 
 
@@ -227,5 +224,5 @@ def _check_keys(path: Path, where: str, table: Mapping[str, object], known: tupl
 
 def _names(path: Path, where: str, value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a list of names")
+        raise FileFormatError(f"{path}: {where} is {shown(value)}, expected a list of names")
     return unique_names(where, value)

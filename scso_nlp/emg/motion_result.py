@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import read_text
 from scso_nlp.io.storage import Storage, read_storage
-from scso_nlp.validation import BoolArray, FloatArray, read_only, unique_names
+from scso_nlp.validation import BoolArray, FloatArray, read_only, read_only_flags, unique_names
 from scso_nlp.verdict import USABLE
 
 if TYPE_CHECKING:
@@ -64,10 +65,7 @@ class MotionResult:
         time = read_only("time", self.time, (-1,), "n_frames")
         set_field(self, "time", time)
         n_frames = len(time)
-        solved = np.array(self.is_solved, dtype=bool)
-        if solved.shape != (n_frames,):
-            raise DataError(f"is_solved has shape {solved.shape}, expected ({n_frames},) = (n_frames,)")
-        solved.flags.writeable = False
+        solved = read_only_flags("is_solved", self.is_solved, (n_frames,), "n_frames")
         set_field(self, "is_solved", solved)
         activation = read_only(
             f"activation of {self.label!r}",
@@ -230,14 +228,12 @@ def _read_report(folder: Path) -> dict[str, Any]:
     path = folder / _REPORT
     if not folder.is_dir():
         raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         raise DataError(
             f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
-        ) from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+        )
+    try:
+        report = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path} is not JSON: {error}") from None
     expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}

@@ -8,6 +8,7 @@ for is in :mod:`scso_nlp.emg.map`.
 from __future__ import annotations
 
 import csv
+import io
 import logging
 import math
 import os
@@ -19,7 +20,9 @@ import numpy as np
 from scipy import signal
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import read_text
 from scso_nlp.io.storage import read_storage
+from scso_nlp.text import number, shown
 from scso_nlp.validation import FloatArray, positions, read_only, unique_names
 
 logger = logging.getLogger("scso_nlp")
@@ -64,14 +67,14 @@ class Emg:
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "channels", unique_names("EMG channel", self.channels))
-        time = read_only("time of the EMG", self.time, (-1,), "n_samples")
+        time = read_only(f"{self.source}: time", self.time, (-1,), "n_samples")
         set_field(self, "time", time)
         if len(time) == 0:
             raise DataError(f"{self.source} has no sample, expected at least one")
         back = np.flatnonzero(np.diff(time) <= 0)
         if len(back):
             k = int(back[0])
-            raise DataError(f"{self.source}: time must increase, found {time[k + 1]!r} s after {time[k]!r} s")
+            raise DataError(f"{self.source}: time must increase, found {time[k + 1]} s after {time[k]} s")
         shape = (len(time), len(self.channels))
         values = read_only(
             f"{self.source}: values", self.values, shape, "n_samples, n_channels", finite=False
@@ -80,8 +83,8 @@ class Emg:
         if len(bad):
             k, c = (int(i) for i in bad[0])
             raise DataError(
-                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s; "
-                "cut that part off or drop the channel with select()"
+                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s, expected a "
+                "finite number; cut that part off or drop the channel with select()"
             )
         set_field(self, "values", values)
 
@@ -347,29 +350,27 @@ def resample(emg: Emg, time: FloatArray, *, start_offset: float = 0.0) -> Emg:
 
 
 def _read_csv(path: Path) -> Emg:
+    text = io.StringIO(read_text(path), newline="")
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
         raise FileFormatError(f"{path} is not a table with commas: {error}") from None
     if len(rows) < 2:
         raise FileFormatError(f"{path} has no rows below its labels")
     labels = [cell.strip() for cell in rows[0]]
     if labels[0].lower() != "time":
-        raise FileFormatError(f"{path}: the first column is {labels[0]!r}, expected 'time'")
+        raise FileFormatError(f"{path}: the first column is {shown(labels[0])}, expected 'time'")
     numbers = []
-    for number, row in enumerate(rows[1:], start=2):
+    for position, row in enumerate(rows[1:], start=2):
         if len(row) != len(labels):
             raise FileFormatError(
-                f"{path}, row {number}: expected {len(labels)} numbers, found {len(row)} "
+                f"{path}, row {position}: expected {len(labels)} numbers, found {len(row)} "
                 "(columns are separated by commas, decimals by points)"
             )
         try:
-            numbers.append([float(cell) for cell in row])
+            numbers.append([number(cell) for cell in row])
         except ValueError as error:
-            raise FileFormatError(f"{path}, row {number}: {error}") from None
+            raise FileFormatError(f"{path}, row {position}: {error}, expected numbers alone") from None
     table = np.array(numbers)
     return Emg(channels=tuple(labels[1:]), time=table[:, 0], values=table[:, 1:], source=str(path))
 

@@ -8,11 +8,11 @@ classes, so new fields need no change.
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 import typing
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,10 +115,13 @@ def load_bundle(path: str | os.PathLike[str]) -> Motion:
         trajectory = _put_together(MotionTrajectory, "trajectory", values["trajectory"], arrays)
         muscles = _put_together(MuscleParameters, "muscles", values["muscles"], arrays)
         actuators = _put_together(ActuatorParameters, "actuators", values["actuators"], arrays)
-    except (KeyError, TypeError, ValueError, ScsoError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise FileFormatError(f"{path} is damaged: {reason}") from None
-    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+        return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+    except ScsoError as error:
+        raise FileFormatError(f"{path} is damaged: {error}") from None
+    except KeyError as error:
+        raise FileFormatError(f"{path} is damaged: {error} is missing") from None
+    except (TypeError, ValueError, AttributeError):
+        raise FileFormatError(f"{path} is damaged: its header does not describe a motion") from None
 
 
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:
@@ -135,8 +138,8 @@ def read_provenance(path: str | os.PathLike[str]) -> Provenance:
     header, _ = _read(path)
     try:
         return Provenance(**header["provenance"])
-    except (KeyError, TypeError) as error:
-        raise FileFormatError(f"{path} is damaged: its provenance cannot be read ({error})") from None
+    except (KeyError, TypeError):
+        raise FileFormatError(f"{path} is damaged: its provenance cannot be read") from None
 
 
 def _take_apart(prefix: str, data: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -191,22 +194,24 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
     foreign = FileFormatError(f"{path} is not a motion bundle of this package")
     try:
-        if not zipfile.is_zipfile(path):
-            raise foreign
-        with np.load(path, allow_pickle=False) as content:
-            if HEADER not in content.files:
-                raise foreign
-            arrays = {name: content[name] for name in content.files}
-        header = json.loads(arrays.pop(HEADER).tobytes().decode("utf-8"))
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
-        raise FileFormatError(f"{path} is damaged: {error}") from None
+        with open(path, "rb") as file:
+            content = file.read()
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        raise foreign
+    # what zip files and NumPy's arrays say when they are damaged is of many kinds
+    try:
+        loaded = np.load(io.BytesIO(content), allow_pickle=False)
+        arrays = {name: loaded[name] for name in loaded.files}
+        header = json.loads(arrays.pop(HEADER).tobytes()) if HEADER in arrays else None
+    except (Exception, MemoryError):
+        raise FileFormatError(f"{path} is damaged: it cannot be read as a motion bundle") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise foreign
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise FileFormatError(
-            f"{path} has bundle version {version}, this package reads up to {FORMAT_VERSION}: update it"
+            f"{path} has bundle version {version!r}, expected at most {FORMAT_VERSION}: update this package"
         )
     return header, arrays

@@ -22,6 +22,7 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.files import write_whole
+from scso_nlp.text import number, shown
 from scso_nlp.validation import BoolArray, FloatArray, IntArray, nearest, read_only
 
 logger = logging.getLogger("scso_nlp")
@@ -43,7 +44,6 @@ _SIMM_KEYS = (
 )
 _SIMM_KEY_VALUE = re.compile(rf"(name|{_SIMM_KEYS})\s+(.*)", re.IGNORECASE)
 _END_OF_HEADER = re.compile(rb"^[ \t]*endheader[ \t]*$", re.IGNORECASE | re.MULTILINE)
-_NUMBER = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _MICROSOFT_NAN = re.compile(rb"[-+]?(?:\d\.#(?:[QS]NAN|IND)\d*|nan\([^)\s]*\))", re.IGNORECASE)
 _MICROSOFT_INF = re.compile(rb"\d\.#INF\d*", re.IGNORECASE)
 _STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/value")
@@ -424,7 +424,7 @@ def _parse_header(text: str) -> tuple[str, dict[str, str], str]:
     title = ""
     header: dict[str, str] = {}
     free: list[str] = []
-    for number, line in enumerate(text.split("\n")[:-1]):
+    for position, line in enumerate(text.split("\n")[:-1]):
         stripped = line.strip()
         if stripped.startswith("#"):
             continue
@@ -433,7 +433,7 @@ def _parse_header(text: str) -> tuple[str, dict[str, str], str]:
             header[key_value.group(1)] = key_value.group(2).strip()
             if not "".join(free):
                 free.clear()
-        elif number == 0:
+        elif position == 0:
             title = stripped
         else:
             free.append(stripped)
@@ -446,7 +446,7 @@ def _parse_in_degrees(path: Path, header: Mapping[str, str]) -> bool | None:
         return None
     known = {"yes": True, "y": True, "true": True, "no": False, "n": False, "false": False}
     if value.lower() not in known:
-        raise FileFormatError(f"{path} has inDegrees={value!r}, expected yes or no")
+        raise FileFormatError(f"{path} has inDegrees={shown(value)}, expected yes or no")
     return known[value.lower()]
 
 
@@ -462,8 +462,8 @@ def _split_labels(path: Path, content: bytes, start: int) -> tuple[str, int, byt
         raise FileFormatError(f"{path} has no {what}: it ends after line {last_line}")
     # leading tabs belong to the line of labels
     line_start = content.rfind(b"\n", 0, label_start) + 1
-    number = content.count(b"\n", 0, label_start) + 1
-    return _decoded(content[line_start:label_end]), number, content[label_end + 1 :], number + 1
+    line_number = content.count(b"\n", 0, label_start) + 1
+    return _decoded(content[line_start:label_end]), line_number, content[label_end + 1 :], line_number + 1
 
 
 def _label_readings(line: str) -> list[tuple[str, ...]]:
@@ -507,7 +507,7 @@ def _parse_rows(
         )
     if labels[0].lower() != "time":
         raise FileFormatError(
-            f"{path}, line {label_line_number}: the first column is {labels[0]!r}, expected 'time'"
+            f"{path}, line {label_line_number}: the first column is {shown(labels[0])}, expected 'time'"
         )
     wrong = rows[counts[rows] != len(labels)]
     if len(wrong):
@@ -534,14 +534,15 @@ def _parse_rows(
 def _parse_slowly(path: Path, labels: tuple[str, ...], body: bytes, first_line: int) -> FloatArray:
     """Parse cell by cell, to name the first one that is not a number."""
     numbers: list[float] = []
-    for number, line in enumerate(body.split(b"\n"), start=first_line):
+    for line_number, line in enumerate(body.split(b"\n"), start=first_line):
         for label, token in zip(labels, line.split(), strict=False):
-            if not _NUMBER.fullmatch(token):
-                shown = _decoded(token[:40])
+            try:
+                numbers.append(number(_decoded(token)))
+            except ValueError:
                 raise FileFormatError(
-                    f"{path}, line {number}: expected a number in column {label!r}, found {shown!r}"
-                )
-            numbers.append(float(token))
+                    f"{path}, line {line_number}: expected a number in column {shown(label)}, "
+                    f"found {shown(_decoded(token))}"
+                ) from None
     return np.array(numbers)
 
 

@@ -19,6 +19,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.text import number, shown
 from scso_nlp.validation import unique_names
 
 logger = logging.getLogger("scso_nlp")
@@ -340,8 +341,8 @@ def read_external_loads(path: Path) -> LoadSource:
     for load in list(objects) if objects is not None else []:
         if load.tag != "ExternalForce":
             raise DataError(
-                f"{path}: {load.get('name')!r} is a {load.tag}, which OpenSim 4 does not read here; expected "
-                "ExternalForce"
+                f"{path}: {load.get('name', '')!r} is a {load.tag}, which OpenSim 4 does not read here; "
+                "expected ExternalForce"
             )
         own = _Reader(path, load)
         if not own.flag("appliesForce", True) or own.flag("isDisabled", False):
@@ -478,18 +479,18 @@ class _Reader:
             return True
         if text in ("false", "0"):
             return False
-        raise FileFormatError(f"{self.source}: {name} is {text!r}, expected true or false")
+        raise FileFormatError(f"{self.source}: {name} is {shown(text)}, expected true or false")
 
     def number(self, name: str, default: float) -> float:
         text = self.text(name)
         if not text:
             return default
         try:
-            value = float(text)
+            value = number(text)
         except ValueError:
-            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number") from None
+            value = math.nan
         if math.isnan(value):
-            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number")
+            raise FileFormatError(f"{self.source}: {name} is {shown(text)}, expected a number")
         return value
 
     def whole_number(self, name: str, default: int, of: _Reader | None = None) -> int:
