@@ -210,7 +210,9 @@ class Setting:
             if kind.accepts and not kind.accepts(read):
                 raise ValueError("of the right type, but not what is expected")
         except ValueError:
-            raise DataError(f"{where}: {self.name} is {shown(found)}, expected {kind.expected} ({hint})") from None
+            raise DataError(
+                f"{where}: {self.name} is {shown(found)}, expected {kind.expected} ({hint})"
+            ) from None
         return _absolute(folder, read) if kind.is_path else tuple(read) if isinstance(read, list) else read
 
 

@@ -323,7 +323,9 @@ def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> 
     """Read a matrix of passive stiffness: a first line of coordinates, then one line of numbers each."""
     if method != "full":
         raise ProblemError(f"{path} couples coordinates, which only stability 'full' can use; expected .toml")
-    rows = [[cell.strip() for cell in line.split(",")] for line in read_text(path).splitlines() if line.strip()]
+    rows = [
+        [cell.strip() for cell in line.split(",")] for line in read_text(path).splitlines() if line.strip()
+    ]
     names = tuple(rows[0]) if rows else ()
     try:
         matrix = [[number(cell) for cell in row] for row in rows[1:]]

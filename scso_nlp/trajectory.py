@@ -106,7 +106,12 @@ class Skeleton:
         n_bodies, n_joints, n_loads = len(self.bodies), len(self.joints), len(self.load_names)
         of_points = "n_frames, n_muscles, n_points"
         owners = read_only_integers(
-            "path_point_bodies", self.path_point_bodies, (-1, -1, -1), of_points, least=NO_POINT, below=n_bodies
+            "path_point_bodies",
+            self.path_point_bodies,
+            (-1, -1, -1),
+            of_points,
+            least=NO_POINT,
+            below=n_bodies,
         )
         set_field(self, "path_point_bodies", owners)
         n_frames, n_muscles, n_points = owners.shape

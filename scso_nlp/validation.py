@@ -122,7 +122,7 @@ def read_only_flags(name: str, values: object, shape: Sequence[int], axes: str) 
     """
     array = _of_shape(name, _numbers(name, values), shape, axes)
     if not ((array == 0) | (array == 1)).all():
-        raise DataError(f"{name} has other entries than true and false")
+        raise DataError(f"{name} has entries that are neither true nor false, expected only these")
     flags = array.astype(np.bool_)
     flags.flags.writeable = False
     return flags

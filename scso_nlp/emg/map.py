@@ -100,14 +100,16 @@ class EmgMap:
                 raise DataError(f"{self.source}: group {group.name!r} has no muscles, expected at least one")
             _claim(owner, "channel", group.channels, group.name, self.source)
         for pair in self.pairs:
-            positions(f"group of pair {pair.name!r}", (*pair.numerator, *pair.denominator), names)
+            positions(
+                f"group of pair {pair.name!r} in {self.source}", (*pair.numerator, *pair.denominator), names
+            )
             if not pair.numerator or not pair.denominator:
                 raise DataError(f"{self.source}: pair {pair.name!r} needs a numerator and a denominator")
             both = sorted(set(pair.numerator) & set(pair.denominator))
             if both:
                 raise DataError(f"{self.source}: pair {pair.name!r} has {both[0]!r} on both sides")
         if self.mvc:
-            positions("channel of [mvc]", self.mvc, tuple(owner))
+            positions(f"channel of [mvc] in {self.source}", self.mvc, tuple(owner))
 
     def resolve(self, muscles: Sequence[str], channels: Sequence[str] | None = None) -> EmgMap:
         """Replace patterns by the muscles of a model and check every name.
@@ -165,7 +167,7 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
     path = Path(path)
     content = read_toml(path)
     _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
-    found = content.get("format", "no such line")
+    found = content.get("format", "missing")
     if found is True or found != MAP_FORMAT:
         raise FileFormatError(
             f"{path}: format is {shown(found)}, expected format = {MAP_FORMAT} as the first line"

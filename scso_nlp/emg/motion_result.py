@@ -16,8 +16,9 @@ import numpy as np
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import read_text
 from scso_nlp.io.storage import Storage, read_storage
+from scso_nlp.text import shown
 from scso_nlp.validation import BoolArray, FloatArray, read_only, read_only_flags, unique_names
-from scso_nlp.verdict import USABLE
+from scso_nlp.verdict import UNUSABLE, USABLE
 
 if TYPE_CHECKING:
     from scso_nlp.solution import Solution
@@ -43,6 +44,7 @@ class MotionResult:
     stability_rows : tuple of str
         ``"<joint>_<axis>"``.
     stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
+        NaN likewise.
     report : mapping
         Settings, versions and times as in ``report.json``; may be empty.
     """
@@ -67,27 +69,23 @@ class MotionResult:
         n_frames = len(time)
         solved = read_only_flags("is_solved", self.is_solved, (n_frames,), "n_frames")
         set_field(self, "is_solved", solved)
-        activation = read_only(
-            f"activation of {self.label!r}",
-            self.activation,
-            (n_frames, len(self.muscles)),
-            "n_frames, n_muscles",
-            finite=False,
-        )
-        bad = np.argwhere(~np.isfinite(activation) & solved[:, None])
-        if len(bad):
-            k, m = (int(i) for i in bad[0])
-            raise DataError(
-                f"activation of {self.label!r} is {activation[k, m]} for {self.muscles[m]} at "
-                f"t = {time[k]:g} s, in a frame that is marked as solved"
-            )
-        set_field(self, "activation", activation)
-        stability = np.zeros((n_frames, 0)) if self.stability is None else self.stability
-        shape = (n_frames, len(self.stability_rows))
-        stability = read_only(
-            f"stability of {self.label!r}", stability, shape, "n_frames, n_stability_rows", finite=False
-        )
-        set_field(self, "stability", stability)
+        if self.stability is None:
+            set_field(self, "stability", np.zeros((n_frames, 0)))
+        for what, names, axis in (
+            ("activation", self.muscles, "n_muscles"),
+            ("stability", self.stability_rows, "n_stability_rows"),
+        ):
+            of_whom = f"{what} of {self.label!r}"
+            shape = (n_frames, len(names))
+            values = read_only(of_whom, getattr(self, what), shape, f"n_frames, {axis}", finite=False)
+            bad = np.argwhere(~np.isfinite(values) & solved[:, None])
+            if len(bad):
+                k, c = (int(i) for i in bad[0])
+                raise DataError(
+                    f"{of_whom} is {values[k, c]} for {names[c]} at t = {time[k]:g} s, in a frame that is "
+                    "marked as solved, expected a finite number"
+                )
+            set_field(self, what, values)
 
     @property
     def n_frames(self) -> int:
@@ -169,25 +167,30 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     muscles = _muscle_names(folder, report, table)
     rows: tuple[str, ...] = ()
     stability = None
-    if any(folder.glob(f"{glob.escape(name)}_stability.sto")):
-        found = read_storage(folder / f"{name}_stability.sto")
-        if found.n_frames != table.n_frames:
-            raise FileFormatError(f"{found.source} and {table.source} have different numbers of frames")
+    stability_file = folder / f"{name}_stability.sto"
+    written = report.get("files_sha256")
+    if stability_file.exists() or isinstance(written, dict) and stability_file.name in written:
+        found = read_storage(stability_file)
+        if not np.array_equal(found.time, table.time):
+            raise FileFormatError(f"{found.source} and {table.source} have different frames")
         suffix = "_stability"
         columns = [label for label in found.labels if label.endswith(suffix)]
         rows = tuple(column.removesuffix(suffix) for column in columns)
         stability = found.columns(columns)
-    return MotionResult(
-        label=folder.resolve().name if label is None else label,
-        name=name,
-        time=table.time,
-        muscles=tuple(muscles),
-        activation=table.columns(muscles),
-        is_solved=np.array([status in USABLE for status in statuses]),
-        stability_rows=rows,
-        stability=stability,
-        report=report,
-    )
+    try:
+        return MotionResult(
+            label=folder.resolve().name if label is None else label,
+            name=name,
+            time=table.time,
+            muscles=tuple(muscles),
+            activation=table.columns(muscles),
+            is_solved=np.array([status in USABLE for status in statuses]),
+            stability_rows=rows,
+            stability=stability,
+            report=report,
+        )
+    except DataError as error:
+        raise type(error)(f"{folder}: {error}") from None
 
 
 def read_results(
@@ -236,14 +239,19 @@ def _read_report(folder: Path) -> dict[str, Any]:
         report = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path} is not JSON: {error}") from None
-    expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}
+    expected = {"name": (str, "text"), "frame_status": (list, "a list"), "problem": (dict, "a table")}
     if not isinstance(report, dict) or report.get("program") != "scso_nlp":
         raise FileFormatError(f"{path} is not a report of scso_nlp")
-    for key, kind in expected.items():
+    for key, (kind, words) in expected.items():
         if not isinstance(report.get(key), kind):
-            raise FileFormatError(f"{path}: {key!r} is missing or not a {kind.__name__}")
+            raise FileFormatError(f"{path}: {key!r} is missing or not {words}")
+    for status in report["frame_status"]:
+        if status not in (*USABLE, *UNUSABLE):
+            raise FileFormatError(
+                f"{path}: {shown(status)} is no status of a frame, expected one such as {USABLE[0]}"
+            )
     if not report["name"] or any(character in report["name"] for character in "/\\\0"):
-        raise FileFormatError(f"{path}: the name {report['name']!r} cannot be the start of file names")
+        raise FileFormatError(f"{path}: the name {shown(report['name'])} cannot be the start of file names")
     return report
 
 

@@ -98,7 +98,9 @@ class Emg:
         """
         chosen = tuple(channels)
         return replace(
-            self, channels=chosen, values=self.values[:, positions("EMG channel", chosen, self.channels)]
+            self,
+            channels=chosen,
+            values=self.values[:, positions(f"EMG channel of {self.source}", chosen, self.channels)],
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io.storage import Storage, read_storage, with_distinct_times
 from scso_nlp.opensim.setup_xml import LoadSource, MotionInput, check_document, read_external_loads
+from scso_nlp.text import shown
 
 logger = logging.getLogger("scso_nlp")
 
@@ -20,6 +21,8 @@ MIN_FRAMES = 6
 EVEN_STEPS = 0.1
 #: ... at most so many numbers are resampled, which takes OpenSim half a minute.
 MOST_RESAMPLED = 3_000_000
+#: How the labels of a vector's three columns end. OpenSim takes them by their order alone.
+AXES = (["x", "y", "z"], ["1", "2", "3"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,11 +194,17 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
     data = read_storage(loads.data)
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
-        if len(columns) != 3:
-            found = ", ".join(data.labels[i] for i in columns) or "none"
+        labels = tuple(data.labels[i] for i in columns)
+        if len(columns) != 3 or len(set(labels)) != 3:
             raise NameMismatchError(
-                f"{loads.data}: the load {load!r} needs three columns that start with {identifier!r}, "
-                f"found {found}"
+                f"{loads.data}: the load {shown(load)} needs three columns that start with "
+                f"{shown(identifier)}, found {shown(labels)[1:-1] or 'none'}"
+            )
+        ends = [label.removeprefix(identifier).lstrip("_").lower() for label in labels]
+        if sorted(ends) in AXES and ends != sorted(ends):
+            raise NameMismatchError(
+                f"{loads.data}: OpenSim takes the columns {', '.join(labels)} of the load {shown(load)} as x, "
+                "y and z in this order, expected them to be in the order of their names"
             )
         values = data.values[:, columns]
         if not np.isfinite(values).all():

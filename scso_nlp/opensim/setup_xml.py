@@ -245,8 +245,8 @@ def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
     analysis = _Reader(path, _static_optimization(path, tool))
     if not analysis.flag("use_model_force_set", True):
         raise DataError(
-            f"{path}: use_model_force_set is false, which replaces the muscles by one actuator per "
-            "coordinate; set it to true, or use OpenSim's InverseDynamicsTool"
+            f"{path}: use_model_force_set is false, expected true, because it replaces the muscles by one "
+            "actuator per coordinate; set it to true, or use OpenSim's InverseDynamicsTool"
         )
     name = tool.get("name", "").strip() or "AnalyzeTool"
     initial = reader.number("initial_time", DEFAULT_INITIAL_TIME)

@@ -183,7 +183,7 @@ def test_arrays_that_contradict_each_other_are_refused(case: Case, tmp_path: Pat
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda header: header.update(format_version=99), "bundle version 99, this package reads up to 1"),
+        (lambda header: header.update(format_version=99), "bundle version 99, expected at most 1"),
         (lambda header: header.update(format="other"), "is not a motion bundle"),
         (lambda header: header.pop("values"), "is damaged: 'values' is missing"),
         (lambda header: header["values"]["muscles"].pop("muscles"), "'muscles.muscles' is missing"),
