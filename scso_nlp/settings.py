@@ -302,7 +302,7 @@ def _passive_table(path: Path) -> dict[str, float]:
         published = lumbar_passive_stiffness(*(_lumbar_joint(table) for table in tables))
     except DataError as error:
         raise type(error)(f"{path}: {error}") from None
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise DataError(
             f"{path}: expected lines of the form row = number [N.m/rad], and tables [[lumbar]] with levels "
             "= number and, by axial, flexion, extension or lateral, lists of rows"

@@ -95,8 +95,8 @@ def read_only_integers(
     if len(wrong):
         where = tuple(int(i) for i in wrong[0])
         raise DataError(
-            f"{name} is {array[where]:g} at index {where} of ({axes}), expected whole numbers from {least} to "
-            f"{below - 1}"
+            f"{name} is {array[where]:g} at index {where} of ({axes}), expected whole numbers from {least} "
+            f"to {below - 1}"
         )
     whole = array.astype(np.int64)
     whole.flags.writeable = False

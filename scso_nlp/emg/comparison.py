@@ -37,6 +37,8 @@ EMG_LABEL = "EMG"
 ALL_GROUPS = "all groups"
 #: Activations may be this much below zero by the solver's tolerance; such values count as zero [-].
 NEGATIVE_ACTIVATION = 1e-4
+#: Activity beyond this is none, not even of signals in microvolts without a reference [-].
+LARGEST_ACTIVITY = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,9 +307,16 @@ def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> Floa
     low = float(np.nanmin(solved, initial=0.0))
     if low < -NEGATIVE_ACTIVATION:
         raise DataError(f"{result.label!r} has an activation of {low:g}, expected 0 or more")
+    _refuse_large(f"the activation of {result.label!r}", solved)
     solved = np.maximum(solved, 0.0)
     means = [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
     return np.array(means).reshape(len(groups), len(solved)).T
+
+
+def _refuse_large(what: str, values: FloatArray) -> None:
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if largest > LARGEST_ACTIVITY:
+        raise DataError(f"{what} is up to {largest:g}, expected a fraction of the maximum")
 
 
 def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float) -> FloatArray:
@@ -319,6 +328,7 @@ def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float)
         emg = normalize_to_mvc(emg, emg_map.mvc)
     else:
         warn_outside_unit_range(emg)
+    _refuse_large(f"{emg.source}: the EMG over its references of {emg_map.source}", emg.values)
     emg = resample(emg, time, start_offset=start_offset)
     columns = [
         emg.values[:, positions("EMG channel", group.channels, emg.channels)].mean(axis=1)

@@ -18,8 +18,8 @@ The map file, in TOML, says which channels and which muscles of the model form a
 
 from __future__ import annotations
 
-import math
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -179,7 +179,7 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         if (
             isinstance(reference, bool)
             or not isinstance(reference, int | float)
-            or not 0 < reference < math.inf
+            or not 0 < reference <= sys.float_info.max
         ):
             raise FileFormatError(f"{path}: mvc.{channel} is {shown(reference)}, expected a number above 0")
     return EmgMap(

@@ -169,7 +169,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     stability = None
     stability_file = folder / f"{name}_stability.sto"
     written = report.get("files_sha256")
-    if stability_file.exists() or isinstance(written, dict) and stability_file.name in written:
+    if stability_file.exists() or (isinstance(written, dict) and stability_file.name in written):
         found = read_storage(stability_file)
         if not np.array_equal(found.time, table.time):
             raise FileFormatError(f"{found.source} and {table.source} have different frames")

@@ -83,8 +83,8 @@ class Emg:
         if len(bad):
             k, c = (int(i) for i in bad[0])
             raise DataError(
-                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s, expected a "
-                "finite number; cut that part off or drop the channel with select()"
+                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s, "
+                "expected a finite number; cut that part off or drop the channel with select()"
             )
         set_field(self, "values", values)
 

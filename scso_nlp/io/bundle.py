@@ -212,6 +212,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise FileFormatError(
-            f"{path} has bundle version {json.dumps(version)}, expected at most {FORMAT_VERSION}: update this package"
+            f"{path} has bundle version {json.dumps(version)}, expected at most {FORMAT_VERSION}: update "
+            "this package"
         )
     return header, arrays

@@ -231,7 +231,8 @@ class Storage:
             if len(positions) > 1:
                 several = " or ".join(f"{i + 1} ({self.labels[i]})" for i in positions)
                 raise NameMismatchError(
-                    f"{self._where}: {label!r} is ambiguous, it may be column {several} after time, expected one"
+                    f"{self._where}: {label!r} is ambiguous, it may be column {several} after time, "
+                    "expected one"
                 )
         return np.array([positions[0] for positions in found], dtype=np.int64)
 

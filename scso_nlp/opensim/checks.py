@@ -36,6 +36,7 @@ class CheckedInput:
     speeds: Storage | None
     speeds_in_degrees: bool  # unit of its angular speeds
     loads: LoadSource | None
+    load_table: Storage | None  # their data, without columns that are not finite
 
     @property
     def n_frames(self) -> int:
@@ -84,10 +85,10 @@ def check_input(motion: MotionInput) -> CheckedInput:
     if motion.speeds is not None:
         speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
         speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
-    loads = None
+    loads, load_table = None, None
     if motion.external_loads is not None:
         loads = read_external_loads(motion.external_loads)
-        _check_loads(motion, loads, table)
+        load_table = _load_table(motion, loads, table)
     return CheckedInput(
         motion=motion,
         table=table,
@@ -96,6 +97,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
         speeds=speeds,
         speeds_in_degrees=speeds_in_degrees,
         loads=loads,
+        load_table=load_table,
     )
 
 
@@ -190,12 +192,14 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
         )
 
 
-def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None:
+def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
+    """Check the data of the loads; return the columns that OpenSim can read."""
     data = read_storage(loads.data)
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
         labels = tuple(data.labels[i] for i in columns)
-        if len(columns) != 3 or len(set(labels)) != 3:
+        # OpenSim splits labels at blanks
+        if len(columns) != 3 or len(set(labels)) != 3 or any(len(label.split()) != 1 for label in labels):
             raise NameMismatchError(
                 f"{loads.data}: the load {shown(load)} needs three columns that start with "
                 f"{shown(identifier)}, found {shown(labels)[1:-1] or 'none'}"
@@ -203,8 +207,8 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
         ends = [label.removeprefix(identifier).lstrip("_").lower() for label in labels]
         if sorted(ends) in AXES and ends != sorted(ends):
             raise NameMismatchError(
-                f"{loads.data}: OpenSim takes the columns {', '.join(labels)} of the load {shown(load)} as x, "
-                "y and z in this order, expected them to be in the order of their names"
+                f"{loads.data}: OpenSim takes the columns {', '.join(labels)} of the load {shown(load)} as "
+                "x, y and z in this order, expected them to be in the order of their names"
             )
         values = data.values[:, columns]
         if not np.isfinite(values).all():
@@ -221,3 +225,8 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
             f"{loads.data} covers {data.time[0]:.9g} to {data.time[-1]:.9g} s, expected the analyzed range "
             f"{first:.9g} to {last:.9g} s"
         )
+    # loads that are switched off need their columns too
+    finite = np.flatnonzero(np.isfinite(data.values).all(axis=0))
+    kept = [i for i in finite if len(data.labels[i].split()) == 1]
+    labels = tuple(data.labels[i] for i in kept)
+    return Storage(name="loads", labels=labels, time=data.time, values=data.values[:, kept], in_degrees=False)

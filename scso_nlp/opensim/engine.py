@@ -115,7 +115,8 @@ def _extract(checked: CheckedInput, processes: int | None, progress: bool | None
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
     loads = None if checked.loads is None else checked.loads.text
-    return assemble(checked.motion, crew.extract(_job(checked), n_workers, progress, loads))
+    results = crew.extract(_job(checked), n_workers, progress, loads, checked.load_table)
+    return assemble(checked.motion, results)
 
 
 def _job(checked: CheckedInput) -> Job:

@@ -28,6 +28,22 @@ logger = logging.getLogger("scso_nlp")
 DEFAULT_INITIAL_TIME, DEFAULT_FINAL_TIME = 0.0, 1.0
 #: Output digits where the file names none.
 DEFAULT_OUTPUT_PRECISION = 8
+#: Elements of models and force sets whose text is one number.
+SCALARS = frozenset(
+    {
+        "mass",
+        "max_contraction_velocity",
+        "max_control",
+        "max_isometric_force",
+        "min_control",
+        "optimal_fiber_length",
+        "optimal_force",
+        "pennation_angle_at_optimal",
+        "tendon_slack_length",
+    }
+)
+#: Name of the table of external loads that OpenSim is given.
+LOADS_DATA = "external_loads.sto"
 #: Elements of documents older than OpenSim 3 and what they are called now.
 OLD_NAMES = {
     "force_set_files": "actuator_set_files",
@@ -197,7 +213,7 @@ class LoadSource:
     Attributes
     ----------
     text : str
-        The XML with an absolute path of the data file, as OpenSim can read it on any system.
+        The XML, with :data:`LOADS_DATA` beside it as its data file.
     data : Path
         The data file.
     identifiers : tuple of (str, str)
@@ -335,7 +351,7 @@ def read_external_loads(path: Path) -> LoadSource:
     data = reader.path(text)
     if not data.is_file():
         raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
-    element.text = str(data)
+    element.text = LOADS_DATA
     identifiers = []
     objects = loads.find("objects")
     for load in list(objects) if objects is not None else []:
@@ -386,7 +402,7 @@ def check_document(path: Path, kind: str) -> None:
     """Check that a file is an OpenSim document of some kind, before OpenSim reads it.
 
     OpenSim reads some files that the XML standard does not allow; these are left to OpenSim if they look
-    complete.
+    complete. Where a number cannot be read OpenSim takes its default without a word; here it is refused.
 
     Parameters
     ----------
@@ -399,7 +415,8 @@ def check_document(path: Path, kind: str) -> None:
     DataError
         No such file.
     FileFormatError
-        Cut off, not XML at all, entities, or something else inside.
+        Cut off, not XML at all, entities, something else inside, or a number of a body, muscle or actuator
+        that is none.
     """
     try:
         root = read_xml(path)
@@ -412,6 +429,9 @@ def check_document(path: Path, kind: str) -> None:
     if root.tag != kind and root.find(kind) is None:
         inside = ", ".join(child.tag for child in root) if root.tag == "OpenSimDocument" else root.tag
         raise FileFormatError(f"{path} holds {inside or 'nothing'}, expected {kind}")
+    for element in root.iter():
+        if element.tag in SCALARS and (text := (element.text or "").strip()):
+            _as_number(path, element.tag, text)
 
 
 def _static_optimization(path: Path, tool: Element) -> Element:
@@ -433,6 +453,16 @@ def _static_optimization(path: Path, tool: Element) -> Element:
     if others:
         logger.info("%s: other analyses are left out: %s", path, ", ".join(others))
     return active[0]
+
+
+def _as_number(source: Path, name: str, text: str) -> float:
+    try:
+        value = number(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise FileFormatError(f"{source}: {name} is {shown(text)}, expected a number")
+    return value
 
 
 class _Reader:
@@ -483,15 +513,7 @@ class _Reader:
 
     def number(self, name: str, default: float) -> float:
         text = self.text(name)
-        if not text:
-            return default
-        try:
-            value = number(text)
-        except ValueError:
-            value = math.nan
-        if math.isnan(value):
-            raise FileFormatError(f"{self.source}: {name} is {shown(text)}, expected a number")
-        return value
+        return _as_number(self.source, name, text) if text else default
 
     def whole_number(self, name: str, default: int, of: _Reader | None = None) -> int:
         value = (of or self).number(name, default)

@@ -160,7 +160,7 @@ def test_a_nan_in_a_channel_is_named_with_its_time():
     values[3, 1] = np.nan
     with pytest.raises(
         DataError,
-        match=r"channel 'channel_1' is nan at t = 0.0015 s, expected a finite number; cut that part off or drop",
+        match=r"channel 'channel_1' is nan at t = 0.0015 s, expected a finite number; cut that part off",
     ):
         make_emg(values)
 
