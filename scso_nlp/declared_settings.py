@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import absolute
 from scso_nlp.text import number, shown
 
 
@@ -110,7 +111,10 @@ _TABLE = 'a table { "name" = number, ... }'
 FLAG = Kind(bool, "true or false")
 TEXT = Kind(str, "text in quotes", "TEXT")
 NUMBER = Kind(float, "a number", "NUMBER", number)
-COUNT = Kind(int, "a whole number of at least 1", "COUNT", _whole_number, accepts=lambda count: count >= 1)
+COUNT = Kind(
+    int, "a whole number of at least 1, at most 2147483647", "COUNT", _whole_number,
+    accepts=lambda count: 1 <= count < 2**31,  # what IPOPT can count to
+)  # fmt: skip
 PATH = Kind(str, "a path in quotes", "PATH", accepts=str.strip, is_path=True)
 PATHS = Kind(
     list[str], "a list of paths", "PATH,...", _list,
@@ -230,7 +234,7 @@ def _plain(value: Any) -> Any:
 def _absolute(folder: Path, read: Any) -> Any:
     if isinstance(read, list):
         return tuple(_absolute(folder, item) for item in read)
-    return Path(os.path.abspath(folder / Path(read).expanduser())) if isinstance(read, str) else read
+    return absolute(read, folder) if isinstance(read, str) else read
 
 
 MOTION = Group("The motion: an AnalyzeTool setup file, or its parts by name", "motion")

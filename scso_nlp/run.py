@@ -6,6 +6,7 @@ import functools
 import logging
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.engine import input_hashes, load_motion
+from scso_nlp.opensim.model_names import model_names
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.folder import free_folder
 from scso_nlp.report.results import RunRecord, own_files, write_solution
@@ -100,6 +102,40 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
 
 
+def check_names(settings: RunSettings) -> None:
+    """Hold the names of muscles, joints and coordinates against the model's files, before OpenSim starts.
+
+    Parameters
+    ----------
+    settings : RunSettings
+
+    Raises
+    ------
+    NameMismatchError
+        A name or pattern that fits none; the closest are suggested.
+    DataError
+        A file that cannot be read.
+    """
+    names = model_names(settings.motion)
+    if isinstance(settings.weights, Mapping):
+        names.require("muscle or actuator", settings.weights, names.forces)
+    stability = settings.stability
+    if stability is None:
+        return
+    if isinstance(stability.q, Mapping):
+        names.require("muscle", stability.q, names.muscles)
+    if isinstance(stability, JointStability):
+        names.require("joint", stability.joints or (), names.joints)
+        joints = stability.joints or names.joints
+        rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes)
+    else:
+        chosen = getattr(stability, "coordinates", None)
+        names.require("coordinate", chosen or (), names.coordinates)
+        rows = chosen or names.coordinates
+    for values in (stability.level, stability.passive_stiffness):
+        names.require("stability row", values if isinstance(values, Mapping) else (), rows)
+
+
 def extract(settings: RunSettings, output: OutputSettings | None = None) -> Motion:
     """Extract the motion with the derivatives that the stability rows need.
 
@@ -114,6 +150,7 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
     Motion
     """
     output = output or OutputSettings()
+    check_names(settings)
     stability, motion = settings.stability, settings.motion
     load = functools.partial(load_motion, motion, processes=output.processes, cache=output.cache)
     if isinstance(stability, CoordinateStability | HessianStability):

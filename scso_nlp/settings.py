@@ -23,7 +23,8 @@ from scso_nlp.declared_settings import (
     of_type,
 )
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
-from scso_nlp.files import read_text, read_toml
+from scso_nlp.files import absolute, check_name, read_text, read_toml
+from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.setup_xml import (
     DEFAULT_OUTPUT_PRECISION,
     AnalyzeSetup,
@@ -87,6 +88,9 @@ class RunSettings:
         for name, known in (("solver", SOLVERS), ("muscle_model", MUSCLE_MODELS)):
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}")
+        for part in (self.motion.name, self.analysis_name):
+            check_name(part)
+        ActivationEffort(exponent=self.exponent, weights=self.weights)
 
     @property
     def muscle_physiology(self) -> bool:
@@ -178,7 +182,7 @@ def read_settings(
     elif "setup" in changed:
         raise ProblemError(f"{path} is taken as a setup, but the options name another: leave one of them out")
     else:
-        given = {"setup": Path(os.path.abspath(path))}
+        given = {"setup": absolute(path)}
     _refuse_idle_stability(given, changed)
     if changed.keys() & set(_MODEL_SETTINGS):
         given = {name: value for name, value in given.items() if name not in _MODEL_SETTINGS}
@@ -316,6 +320,12 @@ def _passive_table(path: Path) -> dict[str, float]:
 def _lumbar_joint(table: dict[str, Any]) -> LumbarJoint:
     levels = of_type(table.pop("levels", None), int)
     by_direction = {way: [rows] if isinstance(rows, str) else rows for way, rows in table.items()}
+    every = [row for rows in by_direction.values() for row in rows]
+    twice = [row for row in every if every.count(row) > 1]
+    if twice:
+        raise DataError(
+            f"{twice[0]!r} stands twice in one table [[lumbar]], expected one direction of each row"
+        )
     return LumbarJoint(levels=levels, rows={row: way for way, rows in by_direction.items() for row in rows})
 
 

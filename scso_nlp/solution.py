@@ -6,11 +6,13 @@ Data only: :mod:`scso_nlp.solve.judge` is the one place where they are made of a
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ScsoError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
@@ -53,6 +55,7 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RowResult:
     """Rows of one constraint at the solution, evaluated from the arrays that the user receives.
 
@@ -102,6 +105,7 @@ class RowResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MatrixResult:
     r"""A matrix inequality at the solution: :math:`H - \operatorname{diag}(\text{lower}) \succeq 0`.
 
@@ -153,6 +157,7 @@ class MatrixResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Optimality:
     r"""How well a solution meets the conditions of an optimum, frame by frame, recomputed from its arrays.
 
@@ -192,16 +197,18 @@ class Optimality:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Shortfall:
-    """A row that a failed frame could not keep.
+    """A row that a failed frame could not keep, or an objective that is no number there.
 
     Attributes
     ----------
     frame : int
     time : float [s]
     constraint, row : str
+        `row` is empty for an objective.
     amount : float [unit]
-        How much is missing.
+        How much is missing; infinite for an objective.
     unit : str
     proven : bool
         True if no activations within bounds can reach the row; False if it is the violation at the last
@@ -220,8 +227,17 @@ class Shortfall:
     proven: bool
     helpers: tuple[str, ...] = ()
 
+    @classmethod
+    def of_objective(cls, *, frame: int, time: float, objective: str) -> Shortfall:
+        """Say that an objective, or its slope, is no number at the last iterate of a frame."""
+        return cls(
+            frame=frame, time=time, constraint=objective, row="", amount=math.inf, unit="", proven=False
+        )
+
     def __str__(self) -> str:
         at = time_text(self.time)
+        if not self.row:
+            return f"objective {self.constraint}, or its slope, is not a number at t = {at} s"
         short = f"{self.constraint}[{self.row}] short by {self.amount:.4g} {self.unit} at t = {at} s"
         remedy = "would help"
         if self.proven:
@@ -232,6 +248,7 @@ class Shortfall:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class StabilityMargin:
     """Stability rows of one solution.
 
@@ -271,6 +288,7 @@ class StabilityMargin:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MomentBalance:
     """Required, muscle and actuator moment of every coordinate.
 
@@ -311,6 +329,7 @@ class MomentBalance:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SolveReport:
     """How the solve went: enough to reproduce it.
 
@@ -340,6 +359,7 @@ class SolveReport:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Solution:
     """Activations and forces of every frame, judged from these very arrays.
 
@@ -484,6 +504,7 @@ class Solution:
 class SolveFailed(ScsoError):
     """Some frame was not solved; `solution` holds what there is, with its statuses and shortfalls."""
 
+    @checked
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
         lines = [solution.summary(), *(f"  {shortfall}" for shortfall in solution.shortfalls[1:3])]

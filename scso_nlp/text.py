@@ -6,7 +6,7 @@ import re
 import reprlib
 
 _NUMBER = re.compile(
-    r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.ASCII | re.IGNORECASE
+    r"[-+]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.ASCII | re.IGNORECASE
 )
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
@@ -49,4 +49,7 @@ def shown(value: object) -> str:
     str
         Long text and digits are cut in the middle, long lists after their first entries.
     """
-    return _SHORT.repr(value)
+    try:
+        return " ".join(_SHORT.repr(value).split("\n"))
+    except ValueError:  # Python writes no number of more than 4300 digits
+        return "a number of thousands of digits"

@@ -12,6 +12,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.validation import (
     BoolArray,
@@ -33,6 +34,7 @@ NO_POINT = -1
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Skeleton:
     """Joints, bodies, muscle paths and loads of one motion, all expressed in ground.
 
@@ -172,6 +174,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class CoordinateCurvature:
     """Second derivatives of path lengths and loads with respect to chosen coordinates.
 
@@ -222,6 +225,7 @@ class CoordinateCurvature:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MotionTrajectory:
     """Time series of one motion, ready for optimisation.
 

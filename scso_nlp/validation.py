@@ -10,6 +10,7 @@ import copyreg
 import difflib
 import fnmatch
 import numbers
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -19,6 +20,9 @@ from numpy.typing import NDArray
 
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.text import shown
+
+#: At most so many names stand in one message.
+MOST_NAMES = 12
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -137,7 +141,10 @@ def _numbers(name: str, values: object) -> np.ndarray:
     except ValueError:
         raise DataError(f"{name} cannot be read as numbers: its rows differ in length") from None
     if array.dtype.kind == "O" and all(isinstance(entry, numbers.Real) for entry in array.flat):
-        array = array.astype(np.float64)
+        try:
+            array = array.astype(np.float64)
+        except OverflowError:
+            raise DataError(f"{name} cannot be read as numbers: one is beyond the doubles") from None
     if array.size and array.dtype.kind not in "biuf":
         raise DataError(f"{name} cannot be read as numbers: found {shown(array.flat[0])} in it")
     return array
@@ -155,12 +162,34 @@ def _of_shape(name: str, array: np.ndarray, shape: Sequence[int], axes: str) -> 
 def unique_names(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return `names` as a tuple, or raise :class:`DataError` if one stands twice."""
     result = tuple(str(name) for name in names)
-    twice = (
-        sorted({name for name in result if result.count(name) > 1}) if len(set(result)) < len(result) else []
-    )
-    if twice:
-        raise DataError(f"{kind} names must be unique, found twice: {', '.join(twice)}")
+    if len(set(result)) < len(result):
+        twice = sorted(name for name, count in Counter(result).items() if count > 1)
+        raise DataError(f"{kind} names must be unique, found twice: {shown_names(twice)}")
     return result
+
+
+def chosen_names(kind: str, names: str | Iterable[str] | None) -> tuple[str, ...] | None:
+    """Return the names a user chooses, one bare name too, as a tuple; None, for all, stays.
+
+    Raises
+    ------
+    DataError
+        None at all, or one twice.
+    """
+    if names is None:
+        return None
+    chosen = unique_names(kind, (names,) if isinstance(names, str) else names)
+    if not chosen:
+        raise DataError(
+            f"the list of {kind} names is empty, expected at least one, or no list for all of them"
+        )
+    return chosen
+
+
+def shown_names(names: Sequence[str]) -> str:
+    """List names for a message, the first dozen of many."""
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more
 
 
 def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> IntArray:
@@ -180,7 +209,7 @@ def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> Int
     wanted = tuple(wanted)
     missing = [name for name in wanted if name not in table]
     if missing:
-        names = ", ".join(repr(name) for name in missing)
+        names = shown_names([repr(name) for name in missing])
         raise NameMismatchError(f"unknown {kind} {names} ({nearest(missing[0], available)})")
     return np.array([table[name] for name in wanted], dtype=np.int64)
 
@@ -211,12 +240,12 @@ def nearest(name: str, available: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"closest: ..."`` with up to three names, or ``"available: ..."`` with the first twelve where none is
+        ``"closest: ..."`` with up to three names, or ``"available: ..."`` with the first dozen where none is
         like it.
     """
     names = list(available)
     close = difflib.get_close_matches(name.strip("*?"), names, n=3, cutoff=0.5)
-    return f"closest: {', '.join(close)}" if close else f"available: {', '.join(names[:12])}"
+    return f"closest: {', '.join(close)}" if close else f"available: {', '.join(names[:MOST_NAMES])}"
 
 
 def matches(kind: str, pattern: str, available: Sequence[str]) -> IntArray:

@@ -37,6 +37,7 @@ LAYERS = (
     "text",
     "files",
     "validation",
+    "arguments",
     "trajectory",
     "muscles",
     "motion",

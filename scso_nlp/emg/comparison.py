@@ -31,6 +31,8 @@ from scso_nlp.validation import BoolArray, FloatArray, positions, unique_names
 MAX_LAG = 0.2
 #: Fewer frames are a handful of chosen tasks, of which an interval would tell nothing.
 LEAST_FRAMES_FOR_INTERVAL = 16
+#: What spreadsheets take for the beginning of a formula, which may do anything.
+_FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 #: How EMG is called in the column of results.
 EMG_LABEL = "EMG"
 #: How the mean over all groups is called in the column of groups.
@@ -213,7 +215,14 @@ def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -
         writer.writerow(names)
         for row in comparison.rows:
             cells = [getattr(row, name) for name in names]
-            writer.writerow("" if isinstance(c, float) and math.isnan(c) else c for c in cells)
+            writer.writerow([_cell(value) for value in cells])
+
+
+def _cell(value: object) -> object:
+    """Leave NaN blank; text that spreadsheets would take for a formula begins with an apostrophe."""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(_FORMULA_SIGNS) else value
+    return "" if isinstance(value, float) and math.isnan(value) else value
 
 
 def format_comparison(comparison: Comparison) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError
-from scso_nlp.files import read_text
+from scso_nlp.files import absolute, read_text
 from scso_nlp.io.storage import Storage, read_storage
 from scso_nlp.text import shown
 from scso_nlp.validation import BoolArray, FloatArray, read_only, read_only_flags, unique_names
@@ -154,7 +154,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     FileFormatError
         A report or table that cannot be read as such, or that do not belong together.
     """
-    folder = Path(folder)
+    folder = absolute(folder)
     report = _read_report(folder)
     name = report["name"]
     table = _only_file(folder, name, "activation.sto")
@@ -179,7 +179,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
         stability = found.columns(columns)
     try:
         return MotionResult(
-            label=folder.resolve().name if label is None else label,
+            label=Path(os.path.realpath(folder)).name if label is None else label,
             name=name,
             time=table.time,
             muscles=tuple(muscles),
@@ -213,7 +213,7 @@ def read_results(
     DataError
         Not one label per folder, a folder given twice, or as :func:`read_result`.
     """
-    paths = [Path(folder).resolve() for folder in folders]
+    paths = [absolute(os.path.realpath(absolute(folder))) for folder in folders]
     if len(set(paths)) < len(paths):
         raise DataError("a result folder is given twice, expected different ones")
     if not labels:
@@ -229,9 +229,9 @@ def read_results(
 def _read_report(folder: Path) -> dict[str, Any]:
     """Read ``report.json`` and check what is used of it."""
     path = folder / _REPORT
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
-    if not path.exists():
+    if not os.path.lexists(path):
         raise DataError(
             f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
         )

@@ -20,8 +20,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
-from scso_nlp.files import write_whole
+from scso_nlp.arguments import checked
+from scso_nlp.exceptions import FileFormatError, ScsoError
+from scso_nlp.files import read_bytes, write_whole
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
@@ -53,6 +54,7 @@ class Provenance:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
 
+@checked
 def save_bundle(
     path: str | os.PathLike[str],
     motion: Motion,
@@ -93,6 +95,7 @@ def save_bundle(
         np.savez(file, allow_pickle=False, **arrays)
 
 
+@checked
 def load_bundle(path: str | os.PathLike[str]) -> Motion:
     """Read a bundle.
 
@@ -190,14 +193,8 @@ def _data_class(hint: Any) -> Any:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    if not path.is_file():
-        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    content = read_bytes(path)
     foreign = FileFormatError(f"{path} is not a motion bundle of this package")
-    try:
-        with open(path, "rb") as file:
-            content = file.read()
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
     if not zipfile.is_zipfile(io.BytesIO(content)):
         raise foreign
     # what zip files and NumPy's arrays say when they are damaged is of many kinds

@@ -21,7 +21,7 @@ from types import MappingProxyType
 import numpy as np
 
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
-from scso_nlp.files import write_whole
+from scso_nlp.files import read_bytes, write_whole
 from scso_nlp.text import number, shown
 from scso_nlp.validation import BoolArray, FloatArray, IntArray, nearest, read_only
 
@@ -44,7 +44,7 @@ _SIMM_KEYS = (
 )
 _SIMM_KEY_VALUE = re.compile(rf"(name|{_SIMM_KEYS})\s+(.*)", re.IGNORECASE)
 _END_OF_HEADER = re.compile(rb"^[ \t]*endheader[ \t]*$", re.IGNORECASE | re.MULTILINE)
-_MICROSOFT_NAN = re.compile(rb"[-+]?(?:\d\.#(?:[QS]NAN|IND)\d*|nan\([^)\s]*\))", re.IGNORECASE)
+_MICROSOFT_NAN = re.compile(rb"[-+]?(?:\d\.#(?:[QS]NAN|IND)\d*|nan\(\w*\))", re.IGNORECASE)
 _MICROSOFT_INF = re.compile(rb"\d\.#INF\d*", re.IGNORECASE)
 _STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/value")
 
@@ -394,17 +394,7 @@ def write_storage(
 
 def _content(path: Path) -> bytes:
     """Return the file's bytes with plain line ends and no byte order mark."""
-    try:
-        if not path.exists():
-            raise DataError(f"{path} does not exist")
-        if not path.is_file():
-            raise DataError(f"{path} is not a file, expected a .sto or .mot file")
-        with open(path, "rb") as file:
-            content = file.read(MAX_HEADER_BYTES)
-            if b"\0" not in content:
-                content += file.read()
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    content = read_bytes(path)
     if not content.strip():
         raise FileFormatError(f"{path} is empty, expected a .sto or .mot file")
     if b"\0" in content:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.files import require_file
 from scso_nlp.io.storage import Storage, read_storage, with_distinct_times
+from scso_nlp.opensim.model_names import ModelNames, model_names
 from scso_nlp.opensim.setup_xml import LoadSource, MotionInput, check_document, read_external_loads
 from scso_nlp.text import shown
+from scso_nlp.validation import shown_names
+
+_STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/(value|speed)")
 
 logger = logging.getLogger("scso_nlp")
 
@@ -19,6 +25,8 @@ logger = logging.getLogger("scso_nlp")
 MIN_FRAMES = 6
 #: The filter resamples to the smallest step. If that is a smaller share of the median step than this [-] ...
 EVEN_STEPS = 0.1
+#: A motion shorter than this share of the period of its low-pass filter is hardly one after it [-].
+LEAST_PERIODS = 0.1
 #: ... at most so many numbers are resampled, which takes OpenSim half a minute.
 MOST_RESAMPLED = 3_000_000
 #: How the labels of a vector's three columns end. OpenSim takes them by their order alone.
@@ -72,18 +80,26 @@ def check_input(motion: MotionInput) -> CheckedInput:
         A load whose columns are not there.
     """
     for path in motion.files():
-        if not path.is_file():
-            raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+        require_file(path)
     check_document(motion.model, "Model")
     for path in motion.actuators:
         check_document(path, "ForceSet")
+    names = model_names(motion)
+    names.require("coordinate of held_coordinates", motion.held_coordinates, names.coordinates)
+    for what, chosen, known in (
+        ("coordinate", motion.curvature_coordinates, names.coordinates),
+        ("joint", [joint for joint, _ in motion.stability_axes], names.joints),
+    ):
+        names.require(what, [name for name in chosen if name != "all"], known)
     table = with_distinct_times(read_storage(motion.motion))
+    _refuse_repeated(table, names, "value")
     in_degrees = _in_degrees(motion, table)
     motion = _within(motion, table)
     _check_steps(motion, table)
     speeds, speeds_in_degrees = None, False
     if motion.speeds is not None:
         speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
+        _refuse_repeated(speeds, names, "speed")
         speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
     loads, load_table = None, None
     if motion.external_loads is not None:
@@ -99,6 +115,26 @@ def check_input(motion: MotionInput) -> CheckedInput:
         loads=loads,
         load_table=load_table,
     )
+
+
+def _refuse_repeated(table: Storage, names: ModelNames, kind: str) -> None:
+    """Raise if a coordinate has two columns: OpenSim would take one of them and leave out the other.
+
+    `kind` is what plain names in this file stand for, ``"value"`` or ``"speed"``.
+    """
+    found: dict[tuple[str, str], list[str]] = {}
+    for label in table.labels:
+        path = _STATE_PATH.fullmatch(label)
+        coordinate, of = path.groups() if path else (label, kind)
+        if coordinate in names.coordinates:
+            found.setdefault((coordinate, of), []).append(label)
+    for (coordinate, _), labels in found.items():
+        # two joints may have coordinates of one name, each with a path of its own
+        if len(set(labels)) < len(labels) or (len(labels) > 1 and coordinate in labels):
+            raise DataError(
+                f"{table.source}: the columns {shown_names(labels)} are all of the coordinate "
+                f"{coordinate!r}, expected one; take out the others"
+            )
 
 
 def _in_degrees(motion: MotionInput, table: Storage) -> bool:
@@ -179,6 +215,16 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
     cutoff = motion.lowpass_cutoff_frequency
     if motion.states is not None or cutoff is None or cutoff < 0:
         return
+    length = float(table.time[-1] - table.time[0])
+    if cutoff * length < LEAST_PERIODS:
+        logger.warning(
+            "%s: the low-pass filter at %g Hz leaves next to nothing of the motion: its period is %.3g s, "
+            "the motion is %.3g s long",
+            motion.motion,
+            cutoff,
+            1 / cutoff,
+            length,
+        )
     steps = np.diff(table.time)
     row, typical = int(steps.argmin()), float(np.median(steps))
     smallest = float(steps[row])

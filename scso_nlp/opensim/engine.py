@@ -15,7 +15,9 @@ import os
 from pathlib import Path
 from typing import Any
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, EngineError
+from scso_nlp.files import absolute, make_folder, sha256
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
 from scso_nlp.motion import Motion
@@ -39,6 +41,7 @@ WORKER = Path(__file__).with_name("worker")
 TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 
 
+@checked
 def load_motion(
     setup: str | os.PathLike[str] | AnalyzeSetup | MotionInput | None = None,
     *,
@@ -92,20 +95,17 @@ def load_motion(
     checked = check_input(motion)
     if cache is None:
         return _extract(checked, processes, progress)
-    folder = Path(cache)
+    folder = absolute(cache)
     provenance = _provenance(checked)
     bundle = folder / f"{_file_name(motion.name)}-{_key(provenance)[:16]}.npz"
-    if bundle.is_file():
+    if os.path.isfile(bundle):
         try:
             result = load_bundle(bundle)
             logger.info("read %s: OpenSim not needed", bundle)
             return result
         except DataError as error:
             logger.warning("the cached motion is computed again: %s", error)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"the cache folder {folder} cannot be made: {error.strerror or error}") from None
+    make_folder(folder)
     result = _extract(checked, processes, progress)
     save_bundle(bundle, result, provenance=provenance)
     return result
@@ -185,7 +185,7 @@ def input_hashes(motion: MotionInput) -> dict[str, str]:
     paths = list(motion.files())
     if motion.external_loads is not None:
         paths.append(read_external_loads(motion.external_loads).data)
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    return {str(path): sha256(path) for path in paths}
 
 
 def _package_version() -> str:

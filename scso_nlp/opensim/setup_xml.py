@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
+from scso_nlp.arguments import checked_as
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import absolute, read_bytes
 from scso_nlp.text import number, shown
 from scso_nlp.validation import unique_names
 
@@ -52,10 +55,20 @@ OLD_NAMES = {
 }
 
 
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+#: C++ names such as ``HuntCrossleyForce::ContactParameters``, which the standard does not allow as tags.
+_COLONS = re.compile(rb"(</?\w+)::")
+#: Elements nested deeper end OpenSim without a word, and Python itself; models nest about twenty deep.
+DEEPEST = 200
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_as(
+    actuators=str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    held_coordinates=str | Iterable[str],
+    curvature_coordinates=str | Iterable[str],
+    **dict.fromkeys(("model",), str | os.PathLike[str]),
+    **dict.fromkeys(("coordinates", "states", "speeds", "external_loads"), str | os.PathLike[str] | None),
+)
 class MotionInput:
     """What OpenSim needs to know to turn a model and a motion into arrays.
 
@@ -124,10 +137,10 @@ class MotionInput:
         set_field = object.__setattr__
         for name in ("model", "coordinates", "states", "speeds", "external_loads"):
             path = getattr(self, name)
-            set_field(self, name, None if path is None else _absolute(path))
+            set_field(self, name, None if path is None else absolute(path))
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
-        set_field(self, "actuators", tuple(_absolute(path) for path in self.actuators))
+        set_field(self, "actuators", tuple(absolute(path) for path in self.actuators))
         for name in ("held_coordinates", "curvature_coordinates"):
             names = getattr(self, name)
             set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
@@ -148,6 +161,12 @@ class MotionInput:
             value = getattr(self, name)
             if value is not None and math.isnan(value):
                 raise DataError(f"{name} is not a number")
+        cutoff = self.lowpass_cutoff_frequency
+        if cutoff in (0, math.inf):
+            raise DataError(
+                f"lowpass_cutoff_frequency is {cutoff:g} Hz, expected a positive number, or a "
+                "negative one for no filter"
+            )
         for name, whole in (("initial_time", -math.inf), ("final_time", math.inf)):
             if getattr(self, name) == whole:
                 set_field(self, name, None)
@@ -349,7 +368,7 @@ def read_external_loads(path: Path) -> LoadSource:
     if element is None or not text:
         raise DataError(f"{path}: datafile is empty, expected the path of a .mot or .sto file")
     data = reader.path(text)
-    if not data.is_file():
+    if not os.path.isfile(data):
         raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
     element.text = LOADS_DATA
     identifiers = []
@@ -384,18 +403,40 @@ def read_xml(path: Path) -> Element:
     FileFormatError
         Not well-formed, or it declares entities.
     """
-    if not path.is_file():
-        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    content = _COLONS.sub(rb"\1__", _without_comments(read_bytes(path)))
     try:
-        content = _COMMENT.sub(lambda comment: b"\n" * comment.group().count(b"\n"), path.read_bytes())
         root: Element = ElementTree.fromstring(content)
-        return root
+    except LookupError as error:
+        raise FileFormatError(f"{path} cannot be read: {error}; save it in UTF-8") from None
     except DefusedXmlException:
         raise FileFormatError(f"{path} declares XML entities, which are not accepted") from None
     except (ParseError, UnicodeDecodeError, ValueError) as error:
         raise FileFormatError(f"{path} is not well-formed XML: {error}") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    if _is_deeper(root, DEEPEST):
+        raise FileFormatError(f"{path} has elements nested more than {DEEPEST} deep, expected a few dozen")
+    return root
+
+
+def _without_comments(content: bytes) -> bytes:
+    """Take comments out, line ends in them stay; one that does not end is left for the parser to refuse."""
+    kept = []
+    start = 0
+    while (opening := content.find(b"<!--", start)) >= 0:
+        end = content.find(b"-->", opening + 4)
+        if end < 0:
+            break
+        kept += [content[start:opening], b"\n" * content.count(b"\n", opening, end)]
+        start = end + 3
+    return b"".join((*kept, content[start:]))
+
+
+def _is_deeper(root: Element, levels: int) -> bool:
+    """Tell if elements are nested in more levels, the root counted."""
+    level = [root]
+    while level and levels:
+        level = [child for element in level for child in element]
+        levels -= 1
+    return bool(level)
 
 
 def check_document(path: Path, kind: str) -> None:
@@ -421,8 +462,8 @@ def check_document(path: Path, kind: str) -> None:
     try:
         root = read_xml(path)
     except FileFormatError as error:
-        tail = path.read_bytes()[-4096:] if path.is_file() else b""
-        if isinstance(error.__context__, DefusedXmlException) or f"</{kind}>".encode() not in tail:
+        tail = read_bytes(path)[-4096:]
+        if not isinstance(error.__context__, ParseError) or f"</{kind}>".encode() not in tail:
             raise
         logger.warning("%s, left to OpenSim", error)
         return
@@ -491,13 +532,13 @@ class _Reader:
         text = self.text(name)
         if not text or text.lower() == "unassigned":
             return ()
-        if self.path(text).is_file():
+        if os.path.isfile(self.path(text)):
             return (self.path(text),)
         return tuple(self._existing(name, part) for part in text.split())
 
     def _existing(self, name: str, text: str) -> Path:
         path = self.path(text)
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise DataError(f"{self.source}: {name} {text!r} does not exist (looked for {path})")
         return path
 
@@ -526,10 +567,6 @@ def _below(folder: Path, text: str) -> Path:
     """Join a path as written in a setup file, with slashes of either kind, to a folder."""
     plain = text if os.name == "nt" else text.replace("\\", "/")
     return Path(os.path.normpath(folder / plain))
-
-
-def _absolute(path: str | os.PathLike[str]) -> Path:
-    return Path(os.path.abspath(os.path.expanduser(path)))
 
 
 def with_changes(motion: MotionInput | None, changes: dict[str, Any]) -> MotionInput:

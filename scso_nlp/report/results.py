@@ -25,9 +25,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import sha256, write_whole
+from scso_nlp.files import absolute, check_name, sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -118,6 +119,7 @@ class RunRecord:
     notes: tuple[str, ...] = ()
 
 
+@checked
 def write_solution(
     solution: Solution,
     folder: str | os.PathLike[str],
@@ -172,8 +174,8 @@ def write_solution(
     """
     name = solution.problem.motion.trajectory.name
     for part in (name, analysis_name):
-        _check_name(part)
-    folder = Path(os.path.abspath(folder))
+        check_name(part)
+    folder = absolute(folder)
     is_complete = bool(solution.is_solved.all())
     has_results = keep_failed or is_complete
     own = own_files(name, analysis_name)
@@ -205,13 +207,6 @@ def write_solution(
         except DataError as error:
             _LOG.warning("the report lacks the figures: %s", error)
     return tuple(folder / file for file in (*_found(folder, own), REPORT))
-
-
-def _check_name(name: str) -> None:
-    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or not c.isprintable() for c in name):
-        raise DataError(
-            f"the name {name!r} cannot start a file name, expected printable characters without slashes"
-        )
 
 
 def own_files(name: str, analysis_name: str) -> re.Pattern[str]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.solution import (
@@ -128,6 +129,7 @@ def unknowns_of(program: FrameProgram, solution: Solution | None) -> FloatArray:
     return np.where(np.isfinite(given), given, guess) / program.layout.scale
 
 
+@checked
 def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
     """Evaluate further stability constraints at a solution.
 
@@ -331,18 +333,29 @@ def _statuses(
     reached = {shortfall.frame for shortfall in shortfalls}
     # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
     found_only_by_ipopt = not (program.split.nonlinear or program.is_coupled)
-    for k in range(len(status)):
-        if status[k].is_solved or k in reached:
-            continue
+    failed = [k for k in range(len(status)) if not status[k].is_solved and k not in reached]
+    undefined = program.undefined(_somewhere(program, outcome.unknowns)) if failed else {}
+    for k in failed:
         proven = infeasible_rows(program, k)
         if proven:
             status[k] = Status.INFEASIBLE
         elif found_only_by_ipopt and status[k] is Status.INFEASIBLE:
             status[k] = Status.NUMERICAL_ERROR
-        if proven or np.isfinite(outcome.unknowns[k]).all():
+        if not proven and status[k] is Status.NUMERICAL_ERROR and k in undefined:
+            shortfalls.append(
+                Shortfall.of_objective(frame=k, time=float(program.time[k]), objective=undefined[k])
+            )
+        elif proven or np.isfinite(outcome.unknowns[k]).all():
             shortfalls += proven or worst_rows(program, rows, matrices, k)
     scales = _scales(program)
-    return tuple(status), tuple(sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint]))
+    worst_first = sorted(shortfalls, key=lambda s: -s.amount / scales.get(s.constraint, 1.0))
+    return tuple(status), tuple(worst_first)
+
+
+def _somewhere(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    """Last iterates (n_frames, size), and the terms' guesses where there is none."""
+    guess = program.layout.rows("guess", len(unknowns)) / program.layout.scale
+    return np.where(np.isfinite(unknowns), unknowns, guess)
 
 
 def _scales(program: FrameProgram) -> dict[str, float]:
@@ -358,11 +371,11 @@ def _scaled_violation(
     worst = np.zeros(program.time.size)
     for name, row in rows.items():
         if not row.is_observed:
-            missing = np.nan_to_num(row.violation) / scales[name]
+            missing = np.nan_to_num(row.violation) / scales.get(name, 1.0)
             worst = np.maximum(worst, missing.max(axis=1, initial=0.0))
     for name, matrix in matrices.items():
         if not matrix.is_observed:
-            worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales[name])
+            worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales.get(name, 1.0))
     return worst
 
 
@@ -375,7 +388,7 @@ def _scaled_miss(
     results: list[tuple[str, RowResult | MatrixResult]] = [*rows.items(), *matrices.items()]
     for name, found in results:
         if not found.is_observed:
-            missed = np.nan_to_num(found.missed).reshape(worst.size, -1) / scales[name]
+            missed = np.nan_to_num(found.missed).reshape(worst.size, -1) / scales.get(name, 1.0)
             worst = np.maximum(worst, missed.max(axis=1, initial=0.0))
     return worst
 

@@ -180,7 +180,7 @@ def test_tables_with_commas_are_read_and_their_faults_named(tmp_path):
         path.write_text(text)
         with pytest.raises(FileFormatError, match=message):
             read_emg(path)
-    with pytest.raises(DataError, match="cannot be read"):
+    with pytest.raises(DataError, match="does not exist"):
         read_emg(tmp_path / "nothing.csv")
 
 
