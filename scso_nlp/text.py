@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import re
 import reprlib
+from typing import Any
 
 _NUMBER = re.compile(
     r"[-+]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.ASCII | re.IGNORECASE
 )
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
+#: What NumPy's arrays may hold, by the letter of their kind.
+_ENTRIES = {"U": "text", "S": "text", "O": "objects", "M": "dates", "m": "durations", "c": "complex numbers"}
+
+
+class _Short(reprlib.Repr):
+    """Values as Python writes them, cut to a length; arrays by what they hold."""
+
+    def repr_ndarray(self, array: Any, _: int) -> str:
+        return f"an array of {_ENTRIES.get(array.dtype.kind, 'numbers')} of shape {array.shape}"
+
+    def repr_MaskedArray(self, array: Any, level: int) -> str:
+        return f"{self.repr_ndarray(array, level)} with masked entries"
 
 
 def number(text: str) -> float:
@@ -36,20 +47,22 @@ def number(text: str) -> float:
     return float(text)
 
 
-def shown(value: object) -> str:
+def shown(value: object, longest: int = 60) -> str:
     """Write a value for a message, as Python does, but not at any length.
 
     Parameters
     ----------
     value : object
-        Text, a number, a list or a table, as a file may hold it.
+        Text, a number, a list, a table or an array.
+    longest : int
+        Characters of text and digits of numbers.
 
     Returns
     -------
     str
-        Long text and digits are cut in the middle, long lists after their first entries.
+        Long text and digits are cut in the middle, long lists after their first entries; of an array what it
+        holds and its shape.
     """
-    try:
-        return " ".join(_SHORT.repr(value).split("\n"))
-    except ValueError:  # Python writes no number of more than 4300 digits
-        return "a number of thousands of digits"
+    short = _Short()
+    short.maxstring = short.maxlong = short.maxother = longest
+    return short.repr(value)

@@ -209,7 +209,7 @@ def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> Int
     wanted = tuple(wanted)
     missing = [name for name in wanted if name not in table]
     if missing:
-        names = shown_names([repr(name) for name in missing])
+        names = shown_names([shown(name) for name in missing])
         raise NameMismatchError(f"unknown {kind} {names} ({nearest(missing[0], available)})")
     return np.array([table[name] for name in wanted], dtype=np.int64)
 

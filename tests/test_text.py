@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from scso_nlp.text import number, shown
@@ -33,3 +34,18 @@ def test_long_values_are_cut_where_they_are_shown():
     assert len(shown("x" * 10_000)) <= 62
     assert len(shown(10**1000)) <= 62
     assert len(shown(list(range(1000)))) <= 62
+
+
+@pytest.mark.parametrize(
+    ("array", "text"),
+    [
+        (np.array(["a", "b"]), "an array of text of shape (2,)"),
+        (np.array([[1j]]), "an array of complex numbers of shape (1, 1)"),
+        (
+            np.ma.array([1.0, 2.0], mask=[True, False]),
+            "an array of numbers of shape (2,) with masked entries",
+        ),
+    ],
+)
+def test_of_arrays_it_is_said_what_they_hold(array, text):
+    assert shown(array) == text

@@ -91,7 +91,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
         ("joint", [joint for joint, _ in motion.stability_axes], names.joints),
     ):
         names.require(what, [name for name in chosen if name != "all"], known)
-    table = with_distinct_times(read_storage(motion.motion))
+    table = with_distinct_times(_with_columns(read_storage(motion.motion)))
     _refuse_repeated(table, names, "value")
     in_degrees = _in_degrees(motion, table)
     motion = _within(motion, table)
@@ -115,6 +115,12 @@ def check_input(motion: MotionInput) -> CheckedInput:
         loads=loads,
         load_table=load_table,
     )
+
+
+def _with_columns(table: Storage) -> Storage:
+    if not table.labels:
+        raise DataError(f"{table.source} has no columns but time, expected some")
+    return table
 
 
 def _refuse_repeated(table: Storage, names: ModelNames, kind: str) -> None:
@@ -240,7 +246,7 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
 
 def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
     """Check the data of the loads; return the columns that OpenSim can read."""
-    data = read_storage(loads.data)
+    data = _with_columns(read_storage(loads.data))
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
         labels = tuple(data.labels[i] for i in columns)

@@ -369,7 +369,9 @@ def read_external_loads(path: Path) -> LoadSource:
         raise DataError(f"{path}: datafile is empty, expected the path of a .mot or .sto file")
     data = reader.path(text)
     if not os.path.isfile(data):
-        raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
+        raise DataError(
+            f"{path}: datafile {shown(text)} does not exist (looked for {shown(str(data), 150)[1:-1]})"
+        )
     element.text = LOADS_DATA
     identifiers = []
     objects = loads.find("objects")
@@ -539,7 +541,10 @@ class _Reader:
     def _existing(self, name: str, text: str) -> Path:
         path = self.path(text)
         if not os.path.isfile(path):
-            raise DataError(f"{self.source}: {name} {text!r} does not exist (looked for {path})")
+            raise DataError(
+                f"{self.source}: {name} {shown(text)} does not exist (looked for "
+                f"{shown(str(path), 150)[1:-1]})"
+            )
         return path
 
     def flag(self, name: str, default: bool) -> bool:

@@ -332,3 +332,10 @@ def test_a_load_on_a_body_that_is_not_there_names_the_model(tiny: Tiny) -> None:
     tiny.loads.write_text(loads.replace("<point_expressed_in_body>lower", "<point_expressed_in_body>hand"))
     with pytest.raises(NameMismatchError, match=r"^tiny\.osim: an external load names the body 'hand'"):
         load_motion(tiny.setup, processes=1)
+
+
+@pytest.mark.parametrize("name", ["moving.mot", "hand.mot"])
+def test_a_table_of_times_alone_is_refused(name: str, tiny: Tiny) -> None:
+    write_motion(tiny.folder / name, TIME, {})
+    with pytest.raises(DataError, match=rf"{name} has no columns but time"):
+        load_motion(tiny.setup)

@@ -13,7 +13,8 @@ A refusal is clear if its message, file paths cut down to the file's name,
 
 1. is one line of printable characters, one sentence, and no longer than 300 characters;
 2. holds nothing internal: no name of an exception or of a Python class, no repr of an object, no word of the
-   libraries behind (``INTERNAL``); what stands in quotes, or follows "found", is the user's own;
+   libraries behind (``INTERNAL``); what stands in quotes, or None after "found" or "is",
+   is the user's own;
 3. names the input: a file, or a key, option, column or argument of it;
 4. says what is wrong: what was expected, found or known instead, or what is not so (``SAYS_WHAT``).
 """
@@ -90,8 +91,8 @@ LONGEST = 300
 
 INTERNAL = re.compile(
     r"Traceback|<class|<function|<built-in| object at 0x|\b[A-Z]\w*(Error|Exception|Warning)\b|dtype|array\("
-    r"|\bNone\b|NoneType|\bErrno\b|PosixPath|mappingproxy|numpy|pydantic|pickle|\bself\b|\bsequence\b|codec"
-    r"|literal for|\bfloat\(|\bstr\b|\bdict\b|\bint\b|\btuple\b|\bargument\b|positional"
+    r"|\bNone\b|NoneType|\bErrno\b|PosixPath|mappingproxy|numpy|pydantic|pickle|\bself\b|with a sequence"
+    r"|codec|literal for|\bfloat\(|\bstr\b|\bdict\b|\bint\b|\btuple\b|\bargument\b|positional"
 )
 SAYS_WHAT = re.compile(
     r"expected|found|must|needs?\b|closest:|available:|\bnot?\b|cannot|twice|unknown|damaged|empty|outside"
@@ -100,6 +101,10 @@ SAYS_WHAT = re.compile(
 #: Entries of the data that follow from others.
 FOLLOWING = ("emg", "numbers", "muscle_model")
 Data = dict[str, Any]
+
+
+#: How messages call the settings, beside their keys.
+WORDS = ("joint", "axis")
 
 
 class Hang(BaseException):
@@ -251,7 +256,7 @@ SETTINGS: Data = {
     "lowpass_cutoff_frequency": -1.0,
     "step_interval": 1,
     "in_degrees": True,
-    "held_coordinates": ["nothing"],
+    "held_coordinates": ["elbow_flexion"],
     "exponent": 3.0,
     "muscle_model": "none",
     "weights": {"*": 1.0, "biceps": 2.0},
@@ -902,14 +907,14 @@ KINDS: dict[str, Kind] = {
         write=write_elbow,
         draw=drawn_from("setup.xml", _xml(SETUP), but=("sto",)),
         read=lambda folder, _: read_run(folder / "setup.xml"),
-        keys=tuple(SETUP.leaves),
+        keys=(*SETUP.leaves, *KIND_OF),
         to_the_end=True,
     ),
     "setup XML, actuators": Kind(
         write=write_tiny_case,
         draw=drawn_from("setup.xml", _xml(SETUP), but=("sto",)),
         read=lambda folder, _: read_run(folder / "setup.xml"),
-        keys=tuple(SETUP.leaves),
+        keys=(*SETUP.leaves, *KIND_OF),
     ),
     "external loads XML": Kind(
         write=write_elbow,
@@ -932,13 +937,14 @@ KINDS: dict[str, Kind] = {
         write=write_elbow,
         draw=drawn_from("scso.toml", of_settings),
         read=lambda folder, _: read_run(folder / "scso.toml"),
-        keys=tuple(KIND_OF),
+        keys=(*KIND_OF, *WORDS),
         to_the_end=True,
     ),
     "options": Kind(
         write=write_elbow,
         draw=draw_option,
         read=lambda folder, mutant: read_run(folder / "scso.toml", mutant.content),
+        keys=(*KIND_OF, *WORDS),
         to_the_end=True,
     ),
     "motion": Kind(
@@ -1015,7 +1021,7 @@ KINDS: dict[str, Kind] = {
     ),
     "bundle": Kind(write=write_bundle, draw=drawn_from("motion.npz", of_bundle, but=()), read=read_bundle),
     "arrays": Kind(write=lambda folder: None, draw=draw_array, read=read_array),
-    "through scso run": Kind(write=write_elbow, draw=draw_run, read=scso_run, keys=tuple(KIND_OF)),
+    "through scso run": Kind(write=write_elbow, draw=draw_run, read=scso_run, keys=(*KIND_OF, *WORDS)),
 }
 
 
@@ -1068,7 +1074,7 @@ def unclear(message: str, names: set[str], folder: Path) -> str:
         return f"has {len(text)} characters"
     if re.search(r"[a-z]\. [A-Z]", text):
         return "is more than one sentence"
-    if found := INTERNAL.search(re.sub(r"'[^']*'|\"[^\"]*\"|found None", "", text)):
+    if found := INTERNAL.search(re.sub(r"'[^']*'|\"[^\"]*\"|(found|is) None", "", text)):
         return f"holds {found.group()!r}"
     named = any(name and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text) for name in names)
     if not named and not re.search(r"(^|[\s(])/\S", message):
