@@ -24,15 +24,18 @@ from scso_nlp.text import shown
 
 _Thing = TypeVar("_Thing", bound=Callable[..., Any])
 
-#: How plain types are called in messages.
-_WORDS = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "text",
-    Path: "a path",
-    os.PathLike: "a path",
-    type(None): "None",
+#: How one value and several values of plain types are called in messages.
+_WORDS: dict[Any, tuple[str, str]] = {
+    bool: ("true or false", "true or false"),
+    int: ("a whole number", "whole numbers"),
+    float: ("a number", "numbers"),
+    str: ("text", "text"),
+    object: ("anything", "anything"),
+    Path: ("a path", "paths"),
+    os.PathLike: ("a path", "paths"),
+    type(None): ("None", "None"),
+    np.ndarray: ("an array of numbers", "arrays of numbers"),
+    abc.Callable: ("a function", "functions"),
 }
 
 
@@ -201,26 +204,26 @@ def _is_numeric(value: object) -> bool:
         return False
 
 
-def _words(hint: Any) -> str:
+def _words(hint: Any, *, several: bool = False) -> str:
+    """Say what is expected, one of it or several."""
     origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(part) for part in parts))
+        *others, last = dict.fromkeys(_words(part, several=several) for part in parts)
+        return f"{', '.join(others)} or {last}" if others else last
     if origin is typing.Literal:
         return " or ".join(map(repr, parts))
-    if origin is np.ndarray:
-        return "an array of numbers"
-    if origin is abc.Callable:
-        return "a function"
     if origin in _WORDS:
-        return _WORDS[origin]
+        return _WORDS[origin][several]
     if not isinstance(origin, type):
-        return str(origin)
+        return "anything"
     if _is_symbolic(origin):
-        return "a CasADi expression"
+        return "CasADi expressions" if several else "a CasADi expression"
     if issubclass(origin, abc.Mapping):
-        return f"a mapping of {_words(parts[0])} to {_words(parts[1])}" if parts else "a mapping"
+        key, item = parts or (str, object)
+        return f"a mapping of {_words(key, several=True)} to {_words(item, several=True)}"
     if issubclass(origin, abc.Iterable):
-        what = [_words(part) for part in parts if part is not ...]
-        return f"a sequence, each entry {' and '.join(what)}" if what else "a sequence"
-    article = "an" if origin.__name__[0] in "AEIOU" else "a"
-    return f"{article} {origin.__name__}"
+        what = [_words(part, several=True) for part in parts if part is not ...]
+        return f"{'sequences' if several else 'a sequence'}{' of ' if what else ''}{' and '.join(what)}"
+    if several:
+        return f"objects of {origin.__name__}"
+    return f"{'an' if origin.__name__[0] in 'AEIOU' else 'a'} {origin.__name__}"

@@ -16,6 +16,12 @@ _ENTRIES = {"U": "text", "S": "text", "O": "objects", "M": "dates", "m": "durati
 class _Short(reprlib.Repr):
     """Values as Python writes them, cut to a length; arrays by what they hold."""
 
+    def repr_int(self, value: int, level: int) -> str:
+        try:
+            return super().repr_int(value, level)
+        except ValueError:  # Python writes no number of more than 4300 digits
+            return "a number of thousands of digits"
+
     def repr_ndarray(self, array: Any, _: int) -> str:
         return f"an array of {_ENTRIES.get(array.dtype.kind, 'numbers')} of shape {array.shape}"
 

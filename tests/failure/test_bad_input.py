@@ -141,7 +141,9 @@ def test_a_problem_needs_an_objective_that_is_one(trajectory):
         problem(trajectory, objectives=())
     with raises(scso.ProblemError, "3.0 is no objective, expected a FrameObjective or a function of a frame"):
         problem(trajectory, objectives=(3.0,))
-    with raises(scso.ProblemError, "each entry a FrameConstraint or a FramePairConstraint"):
+    with raises(
+        scso.ProblemError, "a sequence of objects of FrameConstraint or objects of FramePairConstraint"
+    ):
         problem(trajectory, constraints=(scso.ActivationEffort(),))
 
 
