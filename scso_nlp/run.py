@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.coordinate_stability import CoordinateStability
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.joint_stability import JointStability
@@ -30,6 +31,7 @@ _LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RunResult:
     """A solved motion with all that its report says.
 
@@ -59,6 +61,7 @@ class RunResult:
         return self.solution.verdict.lines(self.baseline.verdict if self.baseline else None)
 
 
+@checked
 def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResult:
     """Extract the motion, solve it, and solve it without stability rows for comparison.
 
@@ -136,6 +139,7 @@ def check_names(settings: RunSettings) -> None:
         names.require("stability row", values if isinstance(values, Mapping) else (), rows)
 
 
+@checked
 def extract(settings: RunSettings, output: OutputSettings | None = None) -> Motion:
     """Extract the motion with the derivatives that the stability rows need.
 
@@ -162,6 +166,7 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
     return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
 
 
+@checked
 def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     """Turn settings and an extracted motion into the problem.
 
@@ -184,6 +189,7 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     return problem
 
 
+@checked
 def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[Path, ...]:
     """Write all files of a run, whole or not at all.
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import (
     MUSCLE_MODELS,
@@ -44,6 +45,7 @@ _MODEL_SETTINGS = ("muscle_model", "muscle_physiology")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RunSettings:
     """Everything that decides the numbers of a run.
 
@@ -99,6 +101,7 @@ class RunSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class OutputSettings:
     """Where and how results are written; nothing here changes a number.
 
@@ -145,6 +148,7 @@ def record(settings: RunSettings, output: OutputSettings) -> dict[str, Any]:
     return values if matrix is None else values | {"passive": matrix}
 
 
+@checked
 def read_settings(
     path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None
 ) -> tuple[RunSettings, OutputSettings]:

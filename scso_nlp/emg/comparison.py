@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.emg import metrics
 from scso_nlp.emg.bootstrap import bootstrap_interval
 from scso_nlp.emg.map import EmgMap, MuscleGroup
@@ -44,6 +45,7 @@ LARGEST_ACTIVITY = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ComparisonRow:
     """One number of the table.
 
@@ -73,6 +75,7 @@ class ComparisonRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Comparison:
     """Results of one motion on common frames, with their table.
 
@@ -114,6 +117,7 @@ class Comparison:
         return None if measured is None or np.isnan(measured).any() else measured
 
 
+@checked
 def compare(
     results: Sequence[MotionResult],
     *,
@@ -195,6 +199,7 @@ def compare(
     )
 
 
+@checked
 def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -> None:
     """Write the table, one line per number, numbers with all digits.
 
@@ -225,6 +230,7 @@ def _cell(value: object) -> object:
     return "" if isinstance(value, float) and math.isnan(value) else value
 
 
+@checked
 def format_comparison(comparison: Comparison) -> str:
     """Lay the table out as text: one line per group and metric, one column per result.
 
@@ -270,6 +276,7 @@ def format_comparison(comparison: Comparison) -> str:
     return "\n".join(text)
 
 
+@checked
 def format_number(row: ComparisonRow, notes: Sequence[str] = ()) -> str:
     """Write one number with its interval, or the number of the note that says why there is none.
 

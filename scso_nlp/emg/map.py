@@ -26,6 +26,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import read_toml
 from scso_nlp.text import shown
@@ -36,6 +37,7 @@ MAP_FORMAT = 1
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MuscleGroup:
     """Muscles of the model, and the EMG channels over them.
 
@@ -54,6 +56,7 @@ class MuscleGroup:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class GroupPair:
     """Two sets of groups that work against each other.
 
@@ -70,6 +73,7 @@ class GroupPair:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EmgMap:
     """Which channels and muscles belong together.
 
@@ -146,6 +150,7 @@ class EmgMap:
         return replace(self, groups=tuple(groups))
 
 
+@checked
 def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
     """Read a map file, see the top of this module for its form.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import absolute, read_text
 from scso_nlp.io.storage import Storage, read_storage
@@ -27,6 +28,7 @@ _REPORT = "report.json"
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MotionResult:
     """What a comparison needs to know of one solution.
 
@@ -133,6 +135,7 @@ def result_of(solution: Solution, label: str) -> MotionResult:
     )
 
 
+@checked
 def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
     """Read a result folder back, as written by :func:`scso_nlp.io.results.write_solution`.
 
@@ -193,6 +196,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
         raise type(error)(f"{folder}: {error}") from None
 
 
+@checked
 def read_results(
     folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()
 ) -> tuple[MotionResult, ...]:

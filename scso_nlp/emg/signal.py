@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import read_text
 from scso_nlp.io.storage import read_storage
@@ -45,6 +46,7 @@ MAX_GAP = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Emg:
     """EMG channels over time.
 
@@ -104,6 +106,7 @@ class Emg:
         )
 
 
+@checked
 def read_emg(path: str | os.PathLike[str]) -> Emg:
     """Read EMG from a Storage file (``.sto``, ``.mot``) or a table with commas (``.csv``).
 
@@ -138,6 +141,7 @@ def read_emg(path: str | os.PathLike[str]) -> Emg:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EnvelopeFilter:
     """How raw EMG becomes an envelope.
 
@@ -175,6 +179,7 @@ class EnvelopeFilter:
             raise DataError(f"order of the EMG filter is {self.order!r}, expected 1 to 8")
 
 
+@checked
 def envelope(emg: Emg, options: EnvelopeFilter | None = None) -> Emg:
     """Band-pass, rectify and smooth raw EMG.
 
@@ -213,6 +218,7 @@ def envelope(emg: Emg, options: EnvelopeFilter | None = None) -> Emg:
     return replace(emg, time=time, values=np.maximum(values, 0.0))
 
 
+@checked
 def normalize_to_peak(emg: Emg) -> Emg:
     """Divide every channel by its own largest value.
 
@@ -237,6 +243,7 @@ def normalize_to_peak(emg: Emg) -> Emg:
     return normalize_to_mvc(emg, dict(zip(emg.channels, emg.values.max(axis=0).tolist(), strict=True)))
 
 
+@checked
 def normalize_to_mvc(emg: Emg, mvc: Mapping[str, float]) -> Emg:
     """Divide channels by their value at maximum voluntary contraction.
 
@@ -294,6 +301,7 @@ def warn_outside_unit_range(emg: Emg) -> None:
             )  # fmt: skip
 
 
+@checked
 def resample(emg: Emg, time: FloatArray, *, start_offset: float = 0.0) -> Emg:
     """Bring an envelope to the frames of a motion.
 

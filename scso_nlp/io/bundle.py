@@ -36,6 +36,7 @@ _Data = TypeVar("_Data")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Provenance:
     """Where the numbers of a bundle come from.
 
@@ -127,6 +128,7 @@ def load_bundle(path: str | os.PathLike[str]) -> Motion:
         raise FileFormatError(f"{path} is damaged: its header does not describe a motion") from None
 
 
+@checked
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:
     """Read where the numbers of a bundle come from.
 

@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.files import read_bytes, write_whole
 from scso_nlp.text import number, shown
@@ -50,6 +51,7 @@ _STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/value")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+@checked
 class Storage:
     """Named columns over time, with the header of a Storage file.
 
@@ -237,6 +239,7 @@ class Storage:
         return np.array([positions[0] for positions in found], dtype=np.int64)
 
 
+@checked
 def read_storage(path: str | os.PathLike[str]) -> Storage:
     """Read a ``.sto`` or ``.mot`` file.
 
@@ -334,6 +337,7 @@ def with_distinct_times(storage: Storage) -> Storage:
     )
 
 
+@checked
 def write_storage(
     storage: Storage,
     path: str | os.PathLike[str],
