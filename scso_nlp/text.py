@@ -66,9 +66,9 @@ def shown(value: object, longest: int = 60) -> str:
     Returns
     -------
     str
-        Long text and digits are cut in the middle, long lists after their first entries; of an array what it
-        holds and its shape.
+        Long text, digits and lists are cut in the middle; of an array what it holds and its shape.
     """
     short = _Short()
     short.maxstring = short.maxlong = short.maxother = longest
-    return short.repr(value)
+    text = short.repr(value)
+    return text if len(text) <= 2 * longest else f"{text[:longest]}...{text[-longest:]}"

@@ -251,7 +251,6 @@ def of_table(
         new.rows[row].append("1")
         return mutant(REFUSE)
     if how == "cut in a row":
-        lines = table.text(separator).splitlines()[: -n_rows + row] if row else []
         lines = [*table.header, separator.join(table.labels)]
         lines += [separator.join(cells) for cells in table.rows[:row]]
         cut = int(rng.integers(1, n_columns))

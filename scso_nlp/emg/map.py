@@ -199,7 +199,9 @@ def _claim(owner: dict[str, str], kind: str, names: tuple[str, ...], group: str,
     """Note that names belong to a group, unless one belongs to another already."""
     for name in names:
         if name in owner:
-            raise DataError(f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}")
+            raise DataError(
+                f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}, expected one"
+            )
         owner[name] = group
 
 

@@ -256,7 +256,6 @@ SETTINGS: Data = {
     "lowpass_cutoff_frequency": -1.0,
     "step_interval": 1,
     "in_degrees": True,
-    "held_coordinates": ["elbow_flexion"],
     "exponent": 3.0,
     "muscle_model": "none",
     "weights": {"*": 1.0, "biceps": 2.0},
@@ -283,7 +282,7 @@ KIND_OF = {
     **dict.fromkeys(("exponent", "soft", "tolerance"), "number"),
     **dict.fromkeys(("step_interval", "max_iterations", "frames_per_program", "processes"), "count"),
     **dict.fromkeys(("in_degrees", "keep_failed"), "flag"),
-    **dict.fromkeys(("held_coordinates", "joints", "axes"), "names"),
+    **dict.fromkeys(("joints", "axes"), "names"),
     **dict.fromkeys(("q", "level"), "number or table"),
     "passive": "table or path",
     "weights": "weights",
@@ -1074,7 +1073,7 @@ def unclear(message: str, names: set[str], folder: Path) -> str:
         return f"has {len(text)} characters"
     if re.search(r"[a-z]\. [A-Z]", text):
         return "is more than one sentence"
-    if found := INTERNAL.search(re.sub(r"'[^']*'|\"[^\"]*\"|(found|is) None", "", text)):
+    if found := INTERNAL.search(re.sub(r"'[^']*'|\"[^\"]*\"|(found|is) [(\[]*None", "", text)):
         return f"holds {found.group()!r}"
     named = any(name and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text) for name in names)
     if not named and not re.search(r"(^|[\s(])/\S", message):
