@@ -8,7 +8,7 @@ import os
 import stat
 import tomllib
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +155,12 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         os.makedirs(path, exist_ok=True)
 
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
 @contextlib.contextmanager
 def write_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write a file, so that a reader finds the old one or the whole new one, never a part.
@@ -262,3 +268,78 @@ def sha256(path: str | os.PathLike[str]) -> str:
     """
     with refused(path, "cannot be read"), open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def hashes(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:
+    """Hash files, before they are read.
+
+    Parameters
+    ----------
+    paths : iterable of path
+
+    Returns
+    -------
+    dict of str to str
+        SHA-256 by path.
+
+    Raises
+    ------
+    DataError
+        A file cannot be read.
+    """
+    return {str(path): sha256(path) for path in paths}
+
+
+def refuse_changed(before: Mapping[str, str]) -> None:
+    """Raise unless files are what they were, after they were read: then the hashes are of what was read.
+
+    Parameters
+    ----------
+    before : mapping of str to str
+        SHA-256 by path.
+
+    Raises
+    ------
+    DataError
+        A file is not the same any more, or not there.
+    """
+    for path, digest in before.items():
+        with contextlib.suppress(DataError):
+            if sha256(path) == digest:
+                continue
+        raise DataError(f"{path} was changed or removed while it was read; run again, nothing was kept")
+
+
+def lock(folder: str | os.PathLike[str], *, wait: bool = False) -> int | None:
+    """Lock a folder against other locks of it, until the descriptor is closed or the process ends, somehow.
+
+    Parameters
+    ----------
+    folder : path
+        Exists.
+    wait : bool
+        Until it is free.
+
+    Returns
+    -------
+    int or None
+        The descriptor; None where the system knows no locks of folders.
+
+    Raises
+    ------
+    BlockingIOError
+        It is locked, and `wait` is false.
+    OSError
+        It cannot be read.
+    """
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BaseException as error:
+        os.close(descriptor)
+        if isinstance(error, OSError) and not isinstance(error, BlockingIOError):
+            return None
+        raise
+    return descriptor

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 import os
 import time
 from collections.abc import Mapping
@@ -15,19 +14,16 @@ from scso_nlp.constraints.coordinate_stability import CoordinateStability
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
-from scso_nlp.files import sha256
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.objectives.activation_effort import ActivationEffort
-from scso_nlp.opensim.engine import input_hashes, load_motion
+from scso_nlp.opensim.engine import load_with_hashes
 from scso_nlp.opensim.model_names import model_names
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.report.folder import free_folder
-from scso_nlp.report.results import RunRecord, own_files, write_solution
+from scso_nlp.report.folder import holds_nothing_of_others
+from scso_nlp.report.results import RunRecord, own_files, write_where_free
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
-
-_LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +82,8 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     """
     output = output or OutputSettings()
     started = time.perf_counter()
-    motion = extract(settings, output)
+    motion, inputs = _extract(settings, output)
     seconds = {"extraction": time.perf_counter() - started}
-    inputs = {**{str(path): sha256(path) for path in settings.sources}, **input_hashes(settings.motion)}
     problem = describe(settings, motion)
     solve = functools.partial(SOLVERS[settings.solver].thing, options=settings.options, on_failure="return")
     baseline = None
@@ -97,7 +92,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
         seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
     solution = solve(problem)
     facts = RunRecord(
-        inputs=inputs,
+        inputs={**settings.sources, **inputs},
         settings=record(settings, output),
         seconds=seconds,
         notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
@@ -153,17 +148,21 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
     -------
     Motion
     """
-    output = output or OutputSettings()
+    return _extract(settings, output or OutputSettings())[0]
+
+
+def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dict[str, str]]:
+    """Extract the motion; give the hashes of what was read, too."""
     check_names(settings)
     stability, motion = settings.stability, settings.motion
-    load = functools.partial(load_motion, motion, processes=output.processes, cache=output.cache)
     if isinstance(stability, CoordinateStability | HessianStability):
-        chosen = "all" if stability.coordinates is None else tuple(stability.coordinates)
-        return load(curvature_coordinates=chosen)
-    if not isinstance(stability, JointStability) or stability.moving_paths == "frozen":
-        return load()
-    joints = ("all",) if stability.joints is None else stability.joints
-    return load(stability_axes=tuple((joint, axis) for joint in joints for axis in stability.axes))
+        chosen = ("all",) if stability.coordinates is None else tuple(stability.coordinates)
+        motion = replace(motion, curvature_coordinates=chosen)
+    elif isinstance(stability, JointStability) and stability.moving_paths != "frozen":
+        joints = ("all",) if stability.joints is None else stability.joints
+        axes = tuple((joint, axis) for joint in joints for axis in stability.axes)
+        motion = replace(motion, stability_axes=axes)
+    return load_with_hashes(motion, processes=output.processes, cache=output.cache)
 
 
 @checked
@@ -212,17 +211,18 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         Files that cannot be written.
     """
     output = output or OutputSettings()
-    name = result.solution.problem.motion.name
-    folder = wanted = Path(os.path.abspath(output.folder_for(name)))
-    if not output.overwrite:
-        own = own_files(name, result.settings.analysis_name)
-        folder = free_folder(wanted, own, name, result.record.inputs, result.settings.setup)
-    if folder != wanted:
-        _LOG.warning("%s has results of other inputs, which stay; those of this run go to %s", wanted, folder)
-    return write_solution(
+    name, analysis = result.solution.problem.motion.name, result.settings.analysis_name
+
+    def is_free(folder: Path) -> bool:
+        inputs, setup = result.record.inputs, result.settings.setup
+        own = own_files(name, analysis)
+        return output.overwrite or holds_nothing_of_others(folder, own, name, inputs, setup)
+
+    return write_where_free(
         result.solution,
-        folder,
-        analysis_name=result.settings.analysis_name,
+        Path(os.path.abspath(output.folder_for(name))),
+        is_free,
+        analysis_name=analysis,
         record=result.record,
         keep_failed=output.keep_failed,
         baseline=result.baseline,

@@ -24,7 +24,7 @@ from scso_nlp.declared_settings import (
     of_type,
 )
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
-from scso_nlp.files import absolute, check_name, read_text, read_toml
+from scso_nlp.files import absolute, check_name, hashes, read_text, read_toml, refuse_changed
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.setup_xml import (
     DEFAULT_OUTPUT_PRECISION,
@@ -40,6 +40,8 @@ from scso_nlp.validation import nearest, unique_names
 
 _LOG = logging.getLogger("scso_nlp")
 
+#: Folder of results where none is named.
+RESULTS = "scso_results"
 #: Either of them decides the muscle model.
 _MODEL_SETTINGS = ("muscle_model", "muscle_physiology")
 
@@ -68,8 +70,8 @@ class RunSettings:
     options : SolverOptions
     setup : Path or None
         AnalyzeTool setup file that the settings were taken from.
-    sources : tuple of Path
-        Files the settings were read from, for the report.
+    sources : mapping of str to str
+        SHA-256 by path of the files that the settings were read from, for the report.
     notes : tuple of str
         What those files ask for and is done otherwise, for the report.
     """
@@ -83,7 +85,7 @@ class RunSettings:
     solver: str = "trajectory"
     options: SolverOptions = field(default_factory=SolverOptions)
     setup: Path | None = None
-    sources: tuple[Path, ...] = ()
+    sources: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -108,7 +110,8 @@ class OutputSettings:
     Attributes
     ----------
     folder : Path or None
-        None: ``scso_results/<name>`` in the working folder.
+        None: ``scso_results/<name>`` in the working folder; for settings read from a file, ``scso_results``
+        and the file's name beside it.
     overwrite : bool
         Results of other inputs in that folder are replaced; otherwise the next free name is taken.
     keep_failed : bool
@@ -128,7 +131,7 @@ class OutputSettings:
 
     def folder_for(self, name: str) -> Path:
         """Folder of the results of a motion of this name."""
-        return self.folder or Path("scso_results") / name
+        return self.folder or Path(RESULTS) / name
 
 
 def record(settings: RunSettings, output: OutputSettings) -> dict[str, Any]:
@@ -178,21 +181,26 @@ def read_settings(
     ProblemError
         Settings that contradict each other.
     """
-    path = Path(path)
+    path = absolute(path)
+    before = hashes(filter(os.path.isfile, [path]))
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
     changed = _checked(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
-        given = _checked(read_toml(path), str(path), path.absolute().parent)
+        given = _checked(read_toml(path), str(path), path.parent)
     elif "setup" in changed:
         raise ProblemError(f"{path} is taken as a setup, but the options name another: leave one of them out")
     else:
-        given = {"setup": absolute(path)}
+        given = {"setup": path}
     _refuse_idle_stability(given, changed)
     if changed.keys() & set(_MODEL_SETTINGS):
         given = {name: value for name, value in given.items() if name not in _MODEL_SETTINGS}
     given |= changed
-    output = OutputSettings(**_fields("output", given))
-    return _run_settings(given, path.absolute(), output), output
+    named = (given.get("setup"), given.get("passive"))
+    sources = before | hashes(file for file in named if isinstance(file, Path) and os.path.isfile(file))
+    output = OutputSettings(**{"folder": path.parent / RESULTS / path.stem, **_fields("output", given)})
+    settings = _run_settings(given, path, sources, output)
+    refuse_changed(sources)
+    return settings, output
 
 
 def _checked(
@@ -233,7 +241,9 @@ def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any])
         raise ProblemError(f"{', '.join(idle)} has no effect while stability is {state}, expected {fitting}")
 
 
-def _run_settings(given: Mapping[str, Any], source: Path, output: OutputSettings) -> RunSettings:
+def _run_settings(
+    given: Mapping[str, Any], source: Path, sources: Mapping[str, str], output: OutputSettings
+) -> RunSettings:
     changes = _fields("motion", given)
     setup: AnalyzeSetup | None = None
     own: dict[str, Any] = {}
@@ -249,7 +259,7 @@ def _run_settings(given: Mapping[str, Any], source: Path, output: OutputSettings
         **own,
         muscle_model=_muscle_model(given, setup),
         options=SolverOptions(**_fields("options", given)),
-        sources=tuple(dict.fromkeys((source, *([given["setup"]] if setup else [])))),
+        sources=sources,
         notes=_departures(setup, given, output.folder_for(own["motion"].name)) if setup else (),
     )
 

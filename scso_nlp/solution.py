@@ -9,11 +9,13 @@ import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ScsoError
+from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import BoolArray, FloatArray
@@ -38,8 +40,12 @@ class Status(enum.Enum):
     STABILITY_MISSED = "Solved, and a soft stability level is missed at its price; see what is missed."
     ACCEPTABLE = "Solved to a looser tolerance than requested; check the violations before use."
     INFEASIBLE = (
-        "No activations within their bounds satisfy all rows; see the named rows, add reserves, "
-        "raise strengths or lower the stability level."
+        "No activations within their bounds satisfy all rows, which is proven; see the named rows, add "
+        "reserves, raise strengths or lower the stability level."
+    )
+    LOCALLY_INFEASIBLE = (
+        "The solver found no way to keep all rows from where it began, and there is no proof that there is "
+        "none; see the named rows, try another initial guess, add reserves or lower the stability level."
     )
     NOT_OPTIMAL = (
         "The rows are kept, but the answer could not be shown to be the optimum; try a smaller exponent or "
@@ -167,8 +173,8 @@ class Optimality:
     Attributes
     ----------
     feasibility : ndarray, shape (n_frames,) [-]
-        Largest violation of a row, over what the entries of the rows of its term add up to in the frame; and
-        of a bound, over its unknown.
+        Largest violation of a row, over what the entries of the rows of its term add up to in the frame; of a
+        matrix, over what its largest entry adds up to; and of a bound, over its unknown.
     stationarity : ndarray, shape (n_frames,) [-]
         Largest entry of r that no bound takes up, over the largest entry of the objective's gradient g.
     complementarity : ndarray, shape (n_frames,) [-]
@@ -245,6 +251,95 @@ class Shortfall:
             stiffer = " or stiffer (larger q)" if self.unit == "N·m/rad" else ""
             remedy = f"would help if they were stronger{stiffer}"
         return short + (f"; {remedy}: {', '.join(self.helpers)}" if self.helpers else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class InfeasibilityProof:
+    r"""Rows of a frame that no unknowns within their bounds keep together, with Farkas' multipliers y.
+
+    Of all x within their bounds the rows :math:`l \le A x \le u` ask for :math:`y^T A x \ge b`, where b adds
+    up :math:`y_i l_i` of positive and :math:`y_i u_i` of negative multipliers. If the greatest value of
+    :math:`(A^T y)^T x` within the bounds is less than b, the rows contradict each other: :attr:`margin`
+    multiplies these arrays out.
+
+    Attributes
+    ----------
+    frame : int
+        That of the row with the largest part.
+    frames : tuple of int
+        One per row: differ only where terms couple frames; a row of a pair stands at the later one.
+    time : float [s]
+        Of `frame`.
+    constraints, rows, units : tuple of str
+        One per row, that with the largest part first.
+    turns : tuple of ndarray
+        Of a row of a matrix inequality G its turn v, the row being :math:`v^T G v \ge 0`; else empty.
+        With their multipliers they are a positive semi-definite matrix that multiplies G.
+    multipliers : ndarray, shape (n_rows,) [1/unit]
+    matrix : ndarray, shape (n_rows, n_unknowns) [unit]
+        A, of the unknowns that these rows have.
+    row_lower, row_upper : ndarray, shape (n_rows,) [unit]
+        Bounds of the rows less what no unknown changes.
+    size : ndarray, shape (n_rows,) [unit]
+        What the entries of the largest row of the same term and frame add up to: the scale of a miss.
+    unknowns : tuple of str
+    lower, upper : ndarray, shape (n_unknowns,)
+
+    References
+    ----------
+    Boyd and Vandenberghe (2004), Convex Optimization, 5.8.
+    """
+
+    #: Least margin of a proof: far above rounding.
+    PROVEN: ClassVar[float] = 1e-9
+    #: A sum of less than this share of its entries' sizes is zero: an unknown without bound drops out.
+    ROUNDING: ClassVar[float] = 1e-12
+
+    frame: int
+    frames: tuple[int, ...]
+    time: float
+    constraints: tuple[str, ...]
+    rows: tuple[str, ...]
+    units: tuple[str, ...]
+    turns: tuple[FloatArray, ...]
+    multipliers: FloatArray
+    matrix: FloatArray
+    row_lower: FloatArray
+    row_upper: FloatArray
+    size: FloatArray
+    unknowns: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+
+    @property
+    def margin(self) -> float:
+        """Least share of its `size` by which some row is missed, whatever the unknowns are [-].
+
+        Not positive where the multipliers prove nothing.
+        """
+        y = self.multipliers
+        weight = float(np.abs(y) @ self.size)
+        pull, entries = y @ self.matrix, np.abs(y) @ np.abs(self.matrix)
+        at = np.where(pull > 0, self.upper, self.lower)
+        used = np.abs(pull) > self.ROUNDING * entries
+        asked = np.where(y > 0, self.row_lower, self.row_upper)[y != 0] @ y[y != 0]
+        margin = float(asked - pull[used] @ at[used])
+        return margin / weight if weight > 0 and np.isfinite(margin) else -np.inf
+
+    @property
+    def holds(self) -> bool:
+        """True if the multipliers prove it."""
+        return self.margin > self.PROVEN
+
+    def __str__(self) -> str:
+        several = len(set(self.frames)) > 1
+        names = [
+            f"{constraint}[{row}]" + (f" at frame {frame}" if several else "")
+            for constraint, row, frame in zip(self.constraints, self.rows, self.frames, strict=True)
+        ]
+        verb = "these rows cannot hold together" if len(names) > 1 else "this row cannot be kept"
+        return f"{verb} at t = {time_text(self.time)} s: {', '.join(names)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -391,6 +486,8 @@ class Solution:
         activations and controls stand under ``"bounds"``.
     shortfalls : tuple of Shortfall
         Worst rows of the failed frames.
+    infeasibility : tuple of InfeasibilityProof
+        Why frames are INFEASIBLE: one for each, or one for a motion whose frames are coupled.
     report : SolveReport
     """
 
@@ -410,6 +507,7 @@ class Solution:
     objective_terms: Mapping[str, float]
     violation: Mapping[str, float]
     shortfalls: tuple[Shortfall, ...]
+    infeasibility: tuple[InfeasibilityProof, ...]
     report: SolveReport
 
     @property
@@ -455,9 +553,16 @@ class Solution:
         actuators = np.abs(balance.actuators)
         shares = np.full(actuators.shape, np.nan)
         np.divide(100 * actuators, peak, out=shares, where=moved & (peak > NEGLIGIBLE_MOMENT))
-        residuals = {
-            unit: np.where(~moved & (np.array(balance.unit) == unit), actuators, np.nan)
+        base = self.problem.motion.trajectory.base_coordinates
+        floats = np.array([base is None or name in base for name in balance.coordinates], dtype=bool)
+        unmoved = {
+            (unit, floating): self._extreme(
+                balance.coordinates,
+                np.where(~moved & (floats == floating) & (np.array(balance.unit) == unit), actuators, np.nan),
+                unit,
+            )
             for unit in ("N", "N·m")
+            for floating in (True, False)
         }
         return Verdict(
             counts={s.name: names.count(s.name) for s in Status if s.name in names},
@@ -470,9 +575,27 @@ class Solution:
             else None,
             frames_missed=int(is_missed.sum()),
             reserve=self._extreme(balance.coordinates, shares, "%"),
-            residual_force=self._extreme(balance.coordinates, residuals["N"], "N"),
-            residual_moment=self._extreme(balance.coordinates, residuals["N·m"], "N·m"),
+            residual_force=unmoved["N", True],
+            residual_moment=unmoved["N·m", True],
+            motor_force=unmoved["N", False],
+            motor_moment=unmoved["N·m", False],
+            effort=self._effort(),
         )
+
+    def _effort(self) -> dict[str, float]:
+        """Sum the objective over the solved frames by what it is paid for."""
+        solved, motion = self.is_solved, self.problem.motion
+        effort = dict.fromkeys(("muscles", "other actuators", "misses", "other terms"), 0.0)
+        terms = {term.name: term for term in self.problem.objectives}
+        for name, value in self.objective_terms.items():
+            term = terms.get(name)
+            if isinstance(term, ActivationEffort):
+                parts = term.efforts(motion, self.activation[solved], self.control[solved])
+                effort["muscles"] += float(parts[0].sum())
+                effort["other actuators"] += float(parts[1].sum())
+            else:
+                effort["misses" if term is None else "other terms"] += value
+        return effort
 
     def _extreme(
         self, names: tuple[str, ...], table: FloatArray, unit: str | tuple[str, ...], sign: float = 1.0
@@ -485,6 +608,13 @@ class Solution:
         time = float(self.problem.motion.trajectory.time[k])
         name, one = names[i], unit if isinstance(unit, str) else unit[i]
         return Extreme(name=name, time=time, amount=sign * float(known[k, i]), unit=one)
+
+    @property
+    def contradictions(self) -> tuple[InfeasibilityProof, ...]:
+        """Proofs of several rows that exclude each other, in the order of their shortfalls."""
+        order = [shortfall.frame for shortfall in self.shortfalls]
+        several = (proof for proof in self.infeasibility if len(proof.rows) > 1)
+        return tuple(sorted(several, key=lambda p: order.index(p.frame) if p.frame in order else len(order)))
 
     def summary(self) -> str:
         """One sentence: how many frames failed, when, and the worst row."""
@@ -508,4 +638,5 @@ class SolveFailed(ScsoError):
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
         lines = [solution.summary(), *(f"  {shortfall}" for shortfall in solution.shortfalls[1:3])]
+        lines += [f"  {proof}" for proof in solution.contradictions[:1]]
         super().__init__("\n".join(lines))

@@ -261,6 +261,9 @@ class MotionTrajectory:
     other_force_labels : tuple of str
         Record labels of the forces that are not optimised.
     other_forces : ndarray, shape (n_frames, n_other_force_labels) [mixed]
+    base_coordinates : tuple of str or None
+        Coordinates by which the model floats: of a joint that may both turn and shift against ground. What
+        actuators do there is residual: nothing real holds the model. None: not known.
     skeleton : Skeleton or None
     curvature : CoordinateCurvature or None
         Only where it was asked for.
@@ -284,6 +287,7 @@ class MotionTrajectory:
     force_columns: tuple[str, ...] = ()
     other_force_labels: tuple[str, ...] = ()
     other_forces: FloatArray
+    base_coordinates: tuple[str, ...] | None = None
     skeleton: Skeleton | None = None
     curvature: CoordinateCurvature | None = None
 
@@ -292,6 +296,8 @@ class MotionTrajectory:
         for kind in ("muscles", "actuators", "coordinates", "other_force_labels"):
             set_field(self, kind, unique_names(kind, getattr(self, kind)))
         set_field(self, "force_columns", tuple(self.force_columns))
+        if self.base_coordinates is not None:
+            set_field(self, "base_coordinates", tuple(self.base_coordinates))
         n_muscles, n_actuators, n_coordinates = len(self.muscles), len(self.actuators), len(self.coordinates)
         time = read_only("time", self.time, (-1,), "n_frames")
         set_field(self, "time", time)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 # OpenSim's documentation, best practices, "Reserves and Residuals": 10 %, 10 to 20 N, 75 N·m.
 #: Largest share of a coordinate's peak moment that its reserves should carry [-].
@@ -12,7 +12,7 @@ RESIDUAL_LIMITS = {"N": 20.0, "N·m": 75.0}
 #: Statuses of frames that may be used.
 USABLE = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
 #: Statuses of all others.
-UNUSABLE = ("INFEASIBLE", "NOT_OPTIMAL", "ITERATION_LIMIT", "NUMERICAL_ERROR")
+UNUSABLE = ("INFEASIBLE", "LOCALLY_INFEASIBLE", "NOT_OPTIMAL", "ITERATION_LIMIT", "NUMERICAL_ERROR")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,13 @@ class Verdict:
     reserve : Extreme or None
         Largest share that actuators carry of a coordinate's peak moment, where muscles act too [%].
     residual_force, residual_moment : Extreme or None
-        Largest force and moment of actuators on coordinates that no muscle moves.
+        Largest force and moment of actuators by which the model floats: on coordinates of a joint that may
+        both turn and shift against ground, and that no muscle moves.
+    motor_force, motor_moment : Extreme or None
+        Largest force and moment of actuators on all other coordinates that no muscle moves.
+    effort : dict of str to float
+        The objective over the solved frames by what it is paid for: muscles, other actuators, misses of soft
+        levels at their price, other terms [-].
     """
 
     counts: dict[str, int]
@@ -66,6 +72,9 @@ class Verdict:
     reserve: Extreme | None
     residual_force: Extreme | None
     residual_moment: Extreme | None
+    motor_force: Extreme | None = None
+    motor_moment: Extreme | None = None
+    effort: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_clean(self) -> bool:
@@ -100,7 +109,7 @@ class Verdict:
 
         Returns
         -------
-        frames and stability, reserves and residuals : str
+        frames, stability and effort; reserves, residuals and motors : str
         """
         counts = ", ".join(
             f"{n} {status.lower().replace('_', ' ')}"
@@ -113,6 +122,8 @@ class Verdict:
             first += f"; levels missed in {self.frames_missed} frames, most by {self.missed}"
         if self.margin is not None:
             first += f"; least margin {self.margin}"
+        paid = ", ".join(f"{amount:.4g} of {what}" for what, amount in self.effort.items() if amount)
+        first += f"; effort {paid}" if paid else ""
         second = "no reserves"
         if not any(status in self.counts for status in USABLE):
             second = "no frame is solved, so nothing is known of reserves"
@@ -122,8 +133,12 @@ class Verdict:
                 f"reserves carry at most {worst.amount:.4g} % of a peak moment "
                 f"({worst.name} at t = {worst.time:.6g} s)"
             )
-        for residual in (self.residual_force, self.residual_moment):
-            second += f"; without muscles at most {residual}" if residual is not None else ""
+        for what, force, moment in (
+            ("residuals", self.residual_force, self.residual_moment),
+            ("motors", self.motor_force, self.motor_moment),
+        ):
+            found = " and ".join(str(extreme) for extreme in (force, moment) if extreme is not None)
+            second += f"; {what} at most {found}" if found else ""
         if self.beyond_limits:
             second += f"; OpenSim advises against {', '.join(self.beyond_limits)}"
         if self._is_bought(baseline):

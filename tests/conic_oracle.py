@@ -28,6 +28,27 @@ def hessian_problem(
     )
 
 
+def with_forces(problem, factor):
+    """All forces, moments and stiffnesses times a number: another unit."""
+    motion = problem.motion
+    trajectory, curvature = motion.trajectory, motion.trajectory.curvature
+    trajectory = dataclasses.replace(
+        trajectory,
+        generalized_forces=trajectory.generalized_forces * factor,
+        actuator_generalized_forces=trajectory.actuator_generalized_forces * factor,
+        curvature=dataclasses.replace(
+            curvature,
+            load_stiffness=curvature.load_stiffness * factor,
+            passive_stiffness=curvature.passive_stiffness * factor,
+        ),
+    )
+    muscles, actuators = motion.muscles, motion.actuators
+    muscles = dataclasses.replace(muscles, max_isometric_force=muscles.max_isometric_force * factor)
+    actuators = dataclasses.replace(actuators, optimal_force=actuators.optimal_force * factor)
+    changed = scso.Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+    return dataclasses.replace(problem, motion=changed)
+
+
 def hessian_by_hand(problem, k, tendon_force, stiffness, *, passive=0.0):
     """H of one frame as the formula says it, muscle by muscle."""
     trajectory, curvature = problem.motion.trajectory, problem.motion.trajectory.curvature
@@ -47,10 +68,10 @@ def smallest_eigenvalue(problem, k, tendon_force, q=5.0, level=0.0, passive=0.0)
     return np.linalg.eigvalsh(hessian - np.broadcast_to(level, n) * np.eye(n))[0]
 
 
-def solve_full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0, soft=None):
-    """Optimum of one frame under H - diag(level) ⪰ 0 with k = q F / L.
+def full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0):
+    """One frame in plain arrays over x = (activations, controls), with k = q F / L.
 
-    Returns (x, objective, missed) with x = (activations, controls), or None where there is no solution.
+    Returns (A, b), (lower, upper) and (G, K) of: A x = b, bounds, K + sum x_i G_i ⪰ 0.
     """
     trajectory, muscles, actuators = (
         problem.motion.trajectory,
@@ -58,41 +79,65 @@ def solve_full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0, soft=None):
         problem.motion.actuators,
     )
     strength, m, n_controls = muscles.max_isometric_force, muscles.n_muscles, actuators.n_actuators
-    n, size = m + n_controls, len(trajectory.coordinates)
+    size = len(trajectory.coordinates)
     zero = np.zeros(m)
-    matrices = []
+    matrices = np.zeros((m + n_controls, size, size))
     for i in range(m):
         unit = zero.copy()
         unit[i] = strength[i]
         one = hessian_by_hand(problem, k, unit, q * unit / trajectory.muscle_tendon_length[k])
-        matrices.append(one - hessian_by_hand(problem, k, zero, zero))
-    matrices += [np.zeros((size, size))] * n_controls
+        matrices[i] = one - hessian_by_hand(problem, k, zero, zero)
     constant = hessian_by_hand(problem, k, zero, zero, passive=passive)
     constant = constant - np.broadcast_to(level, size) * np.eye(size)
     equations = np.hstack([trajectory.moment_arms[k] * strength, trajectory.actuator_generalized_forces[k]])
     lower = np.concatenate([muscles.min_activation, actuators.min_control])
     upper = np.concatenate([muscles.max_activation, actuators.max_control])
-    linear = np.zeros(n)
+    return (equations, trajectory.generalized_forces[k]), (lower, upper), (matrices, constant)
+
+
+def solve_full_frame(problem, k, *, q=5.0, level=0.0, passive=0.0, soft=None, scale=SCALE):
+    """Optimum of one frame under H - diag(level) ⪰ 0 with k = q F / L.
+
+    Returns (x, objective, missed) with x = (activations, controls), or None where there is no solution.
+    """
+    (a, b), (lower, upper), (matrices, constant) = full_frame(problem, k, q=q, level=level, passive=passive)
+    n, linear = len(lower), np.zeros(len(lower))
     if soft is not None:
-        matrices.append(SCALE * np.eye(size))
-        equations = np.hstack([equations, np.zeros((len(equations), 1))])
+        matrices = np.concatenate([matrices, scale * np.eye(len(constant))[None]])
+        a = np.hstack([a, np.zeros((len(a), 1))])
         lower, upper = np.append(lower, 0.0), np.append(upper, np.inf)
-        linear = np.append(linear, soft * SCALE)
+        linear = np.append(linear, soft * scale)
     x, objective = solve_conic(
         problem.objectives[0].exponent,
         n,
         linear,
-        (equations, trajectory.generalized_forces[k]),
+        (a, b),
         (lower, upper),
-        (np.array(matrices) / SCALE, constant / SCALE),
+        (matrices / scale, constant / scale),
     )
     if x is None:
         return None
-    return x[:n], objective, (x[n] * SCALE if soft is not None else 0.0)
+    return x[:n], objective, (x[n] * scale if soft is not None else 0.0)
+
+
+def highest_eigenvalue(problem, k, *, q=5.0, scale=SCALE):
+    """Greatest smallest eigenvalue of H that equilibrium and bounds leave, by Clarabel."""
+    (a, b), (lower, upper), (matrices, constant) = full_frame(problem, k, q=q)
+    matrices = np.concatenate([matrices, -scale * np.eye(len(constant))[None]])
+    x, _ = solve_conic(
+        2.0,
+        0,
+        np.append(np.zeros(len(lower)), -1.0),
+        (np.hstack([a, np.zeros((len(a), 1))]), b),
+        (np.append(lower, -np.inf), np.append(upper, np.inf)),
+        (matrices / scale, constant / scale),
+    )
+    return scale * x[-1]
 
 
 def solve_conic(exponent, n_powers, linear, equations, bounds, inequality):
-    """min sum |x_i|^p over the first unknowns + c'x, A x = b, bounds, K + sum x_i G_i ⪰ 0.
+    """min sum |x_i|^p over the first unknowns (at infinity the largest) + c'x, A x = b, bounds,
+    K + sum x_i G_i ⪰ 0.
 
     Returns (x, objective), or (None, None) where there is no solution.
     """
@@ -115,6 +160,16 @@ def solve_conic(exponent, n_powers, linear, equations, bounds, inequality):
     matrix, cost = np.vstack(blocks), linear
     if exponent == 2:
         quadratic[:n_powers, :n_powers] = 2 * np.eye(n_powers)
+    elif exponent in (1, np.inf):
+        # t >= x and t >= -x, with one t for each or for all
+        first = np.eye(n)[:n_powers]
+        last = np.eye(n_powers) if exponent == 1 else np.ones((n_powers, 1))
+        matrix = np.hstack([matrix, np.zeros((len(matrix), last.shape[1]))])
+        matrix = np.vstack([matrix, np.hstack([first, -last]), np.hstack([-first, -last])])
+        right.append(np.zeros(2 * n_powers))
+        cones.append(clarabel.NonnegativeConeT(2 * n_powers))
+        quadratic = np.zeros((n + last.shape[1],) * 2)
+        cost = np.concatenate([linear, np.ones(last.shape[1])])
     else:
         # t >= |x|^p as the power cone t^(1/p) 1^(1 - 1/p) >= |x|
         powers = np.zeros((3 * n_powers, n + n_powers))

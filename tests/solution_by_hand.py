@@ -7,7 +7,8 @@ from scso_nlp.constraints.stability_constraint import STABILITY_SCALE
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.solution import Shortfall, SolveReport, Status
+from scso_nlp.solution import InfeasibilityProof, Shortfall, SolveReport, Status
+from scso_nlp.solve.feasibility import Impossible
 from scso_nlp.solve.judge import Outcome, judge
 from scso_nlp.trajectory import MotionTrajectory, Skeleton
 from scso_nlp.transcription.describe import describe
@@ -108,6 +109,27 @@ def antagonists(n_frames=5, name="antagonists", n_pairs=1, sides=("front", "back
     return Motion(trajectory=trajectory, muscles=muscle_parameters(muscles), actuators=parameters)
 
 
+def out_of_reach(frame, time, coordinate):
+    """What says that 3.1 N·m are asked for and nothing pulls."""
+    return InfeasibilityProof(
+        frame=frame,
+        frames=(frame,),
+        time=time,
+        constraints=("MomentEquilibrium",),
+        rows=(coordinate,),
+        units=("N·m",),
+        turns=(np.zeros(0),),
+        multipliers=np.ones(1),
+        matrix=np.zeros((1, 0)),
+        row_lower=np.array([3.1]),
+        row_upper=np.array([3.1]),
+        size=np.array([3.1]),
+        unknowns=(),
+        lower=np.zeros(0),
+        upper=np.zeros(0),
+    )
+
+
 def solution_by_hand(
     n_frames=5,
     *,
@@ -143,16 +165,21 @@ def solution_by_hand(
     if stability:
         multipliers[:, n_pairs:] = 0.0
         multipliers[0, n_pairs:] = -0.25 * STABILITY_SCALE
-    shortfalls = tuple(
-        Shortfall(
-            frame=k,
-            time=float(trajectory.time[k]),
-            constraint="MomentEquilibrium",
-            row=trajectory.coordinates[0],
-            amount=3.1,
-            unit="N·m",
-            proven=True,
-            helpers=("back_0",),
+    impossible = tuple(
+        Impossible(
+            proof=out_of_reach(k, float(trajectory.time[k]), trajectory.coordinates[0]),
+            shortfalls=(
+                Shortfall(
+                    frame=k,
+                    time=float(trajectory.time[k]),
+                    constraint="MomentEquilibrium",
+                    row=trajectory.coordinates[0],
+                    amount=3.1,
+                    unit="N·m",
+                    proven=True,
+                    helpers=("back_0",),
+                ),
+            ),
         )
         for k in failed
     )
@@ -161,7 +188,7 @@ def solution_by_hand(
         unknowns=np.hstack([activation, control]),
         multipliers=(multipliers, np.zeros((n_frames - 1, 0))),
         status=tuple(Status.INFEASIBLE if k in failed else Status.SOLVED for k in range(n_frames)),
-        shortfalls=shortfalls,
+        impossible=impossible,
     )
     report = SolveReport(
         solver="framewise",

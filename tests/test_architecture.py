@@ -36,6 +36,7 @@ LAYERS = (
     "exceptions",
     "text",
     "files",
+    "signals",
     "validation",
     "arguments",
     "trajectory",
@@ -71,6 +72,7 @@ WORKER = "scso_nlp.opensim.worker"
 OF_USE_TO_THE_WORKER = (
     "scso_nlp",
     "scso_nlp.exceptions",
+    "scso_nlp.files",
     "scso_nlp.opensim",
     "scso_nlp.text",
     "scso_nlp.validation",
@@ -82,6 +84,7 @@ WITHOUT_CASADI = (
     "scso_nlp.exceptions",
     "scso_nlp.text",
     "scso_nlp.files",
+    "scso_nlp.signals",
     "scso_nlp.validation",
     "scso_nlp.trajectory",
     "scso_nlp.muscles",

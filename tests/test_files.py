@@ -1,9 +1,11 @@
 """A file is there whole or not at all."""
 
+import os
+
 import pytest
 
 from scso_nlp.exceptions import DataError, FileFormatError
-from scso_nlp.files import read_toml, sha256, write_whole
+from scso_nlp.files import hashes, lock, read_toml, refuse_changed, sha256, write_whole
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -81,3 +83,24 @@ def test_what_is_no_text_or_no_toml_is_told_with_its_line(tmp_path, content, mes
     path.write_bytes(content)
     with pytest.raises(FileFormatError, match=message):
         read_toml(path)
+
+
+def test_files_that_are_not_what_they_were_are_refused(tmp_path):
+    paths = [tmp_path / name for name in "ab"]
+    for path in paths:
+        path.write_text("as it was")
+    before = hashes(paths)
+    refuse_changed(before)
+    for spoil in (lambda: paths[1].write_text("as it is"), paths[1].unlink):
+        spoil()
+        with pytest.raises(DataError, match="b was changed or removed while it was read; run again"):
+            refuse_changed(before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_a_folder_is_locked_until_its_descriptor_is_closed(tmp_path):
+    first = lock(tmp_path)
+    with pytest.raises(BlockingIOError):
+        lock(tmp_path)
+    os.close(first)
+    os.close(lock(tmp_path))

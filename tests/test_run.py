@@ -15,6 +15,7 @@ import scso_nlp.solve.verbs
 import scso_nlp.transcription.describe
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import hashes
 from scso_nlp.run import run, write_run
 from scso_nlp.settings import OutputSettings, read_settings
 
@@ -155,17 +156,22 @@ def test_a_folder_with_an_impossible_name_is_one_sentence(tmp_path, spine):
 
 
 @pytest.mark.opensim
-def test_a_file_that_vanishes_during_the_solve_costs_nothing(tmp_path, monkeypatch):
+def test_files_that_change_or_vanish_during_the_solve_cost_nothing(tmp_path, monkeypatch):
+    """The report has the hashes of what was read."""
     folder = tmp_path / "example"
     shutil.copytree(example_folder("spine-load-height"), folder)
     settings, _ = read_settings(folder / "setup.xml")
     described = scso_nlp.run.describe
+    names = ("setup.xml", "spine.osim", "motion.mot", "external_loads.xml", "loads.mot")
+    read = hashes(folder / name for name in names)
 
     def gone(*arguments):
         (folder / "spine.osim").unlink()
+        for name in ("setup.xml", "motion.mot"):
+            (folder / name).write_text("something else")
         return described(*arguments)
 
     monkeypatch.setattr(scso_nlp.run, "describe", gone)
     result = run(settings)
-    assert str(folder / "spine.osim") in result.record.inputs
+    assert result.record.inputs == read
     assert put(result, tmp_path / "results") == "results"

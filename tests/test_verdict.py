@@ -105,6 +105,58 @@ def test_every_status_is_usable_or_not():
     assert sorted((*USABLE, *UNUSABLE)) == sorted(Status.__members__)
 
 
+def test_motors_are_told_from_residuals_by_the_joint(rng):
+    """The same moments at a floating base and at a joint that only motors turn."""
+    problem = random_problem(rng, reserve=50.0, stability=False)
+    trajectory = problem.motion.trajectory
+    moments = np.array([[80.0, 1.0, 90.0], [10.0, 1.0, -30.0], [0.0, 1.0, 0.0]])
+    trajectory = dataclasses.replace(
+        trajectory,
+        moment_arms=trajectory.moment_arms * np.array([0.0, 1.0, 0.0])[:, None],
+        generalized_forces=moments,
+        base_coordinates=trajectory.coordinates[:1],
+    )
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    verdict = scso.solve_trajectory(problem).verdict
+    names, start = trajectory.coordinates, f"at t = {trajectory.time[0]:.6g} s)"
+    assert str(verdict.residual_moment) == f"80 N·m ({names[0]} {start}"
+    assert str(verdict.motor_moment) == f"90 N·m ({names[2]} {start}"
+    line = verdict.lines()[1]
+    assert f"; residuals at most {verdict.residual_moment}; motors at most {verdict.motor_moment}" in line
+    assert verdict.beyond_limits[-1] == "a residual moment above 75 N·m"
+    driven = dataclasses.replace(trajectory, base_coordinates=())
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=driven))
+    verdict = scso.solve_trajectory(problem).verdict
+    assert (verdict.residual_moment, verdict.motor_moment.amount) == (None, pytest.approx(90))
+    assert "residual" not in verdict.lines()[1]
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0, 3.0, np.inf])
+def test_effort_is_told_apart_by_what_it_is_paid_for(rng, exponent):
+    """Muscles, other actuators, misses at their price, other terms; together they are the objective."""
+
+    def largest_first(frame):
+        return 0.25 + 0 * frame.activation[0]
+
+    effort = scso.ActivationEffort(exponent=exponent, weights={"*": 2.0}, weight=3.0)
+    problem = soft(random_problem(rng, reserve=50.0), 500.0)
+    problem = dataclasses.replace(problem, objectives=(effort, largest_first))
+    solution = scso.solve_trajectory(problem)
+    found = solution.verdict.effort
+    parts = [2 * np.abs(x) for x in (solution.activation, solution.control)]
+    if np.isinf(exponent):
+        expected = [3 * x.max(axis=1).sum() for x in parts]
+        total = 3 * np.hstack(parts).max(axis=1).sum()
+    else:
+        expected = [3 * (2 * np.abs(x) ** exponent).sum() for x in (solution.activation, solution.control)]
+        total = sum(expected)
+    assert [found["muscles"], found["other actuators"]] == pytest.approx(expected, rel=1e-12)
+    assert found["misses"] == pytest.approx(1e-6 * solution.rows["JointStability"].missed.sum())
+    assert found["other terms"] == pytest.approx(0.75)
+    assert total + found["misses"] + found["other terms"] == pytest.approx(solution.objective, rel=1e-6)
+    assert f"; effort {found['muscles']:.4g} of muscles, " in solution.verdict.lines()[0]
+
+
 def test_failed_frames_have_no_part_in_it(rng):
     problem = with_stability(random_problem(rng, stability=False), {"elbow_x": 1e9})
     verdict = scso.solve_trajectory(problem, on_failure="return").verdict

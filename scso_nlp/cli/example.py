@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
+from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
     from scso_nlp.run import RunResult
@@ -30,10 +31,11 @@ def example(
             for known in example_names():
                 typer.echo(f"{known:<{width}}  {_title(example_folder(known))}")
             return
-        from dataclasses import replace
+        with undisturbed():
+            from dataclasses import replace
 
-        from scso_nlp.run import run, write_run
-        from scso_nlp.settings import OutputSettings, read_settings
+            from scso_nlp.run import run, write_run
+            from scso_nlp.settings import OutputSettings, read_settings
 
         source = example_folder(name)
         settings, _ = read_settings(source / "scso.toml")

@@ -8,6 +8,7 @@ import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
     from scso_nlp.solve.reach import Reach
@@ -22,10 +23,11 @@ def reach(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     cannot; 2: input that cannot be used.
     """
     with exit_codes(verbose):
-        from scso_nlp.exceptions import ProblemError
-        from scso_nlp.run import describe, extract
-        from scso_nlp.settings import read_settings
-        from scso_nlp.solve.reach import critical_q, reachable_stability
+        with undisturbed():
+            from scso_nlp.exceptions import ProblemError
+            from scso_nlp.run import describe, extract
+            from scso_nlp.settings import read_settings
+            from scso_nlp.solve.reach import critical_q, reachable_stability
 
         settings, where = read_settings(source, changes)
         if settings.stability is None:

@@ -9,6 +9,7 @@ import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
     from scso_nlp.run import RunResult
@@ -22,11 +23,14 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
     with exit_codes(verbose):
-        from scso_nlp.run import run as solve
-        from scso_nlp.run import write_run
-        from scso_nlp.settings import read_settings
+        with undisturbed():
+            from scso_nlp.report.folder import refuse_unwritable
+            from scso_nlp.run import run as solve
+            from scso_nlp.run import write_run
+            from scso_nlp.settings import read_settings
 
         settings, where = read_settings(source, changes)
+        refuse_unwritable(where.folder_for(settings.motion.name).absolute())
         result = solve(settings, where)
         files = write_run(result, where)
         _report(result, files)
@@ -40,11 +44,13 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
     for line in result.verdict_lines:
         typer.echo(f"  {line}")
-    for shortfall in solution.shortfalls[1:5]:
-        typer.echo(f"  {shortfall}", err=True)
+    for reason in (*solution.shortfalls[1:5], *solution.contradictions[:1]):
+        typer.echo(f"  {reason}", err=True)
     report = solution.report
     seconds = {**result.record.seconds, "solve": report.build_seconds + report.solve_seconds}
     typer.echo("  " + ", ".join(f"{what} {value:.2f} s" for what, value in seconds.items()))
     has_results = any("_activation" in path.name for path in files)
     kind = "results" if has_results else "status and report, no results,"
     typer.echo(f"  {kind} in {files[-1].parent}")
+    for note in result.settings.notes:
+        typer.echo(f"  {note}")

@@ -201,6 +201,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise foreign
     # what zip files and NumPy's arrays say when they are damaged is of many kinds
     try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if archive.testzip() is not None:
+                raise zipfile.BadZipFile
         loaded = np.load(io.BytesIO(content), allow_pickle=False)
         arrays = {name: loaded[name] for name in loaded.files}
         header = json.loads(arrays.pop(HEADER).tobytes()) if HEADER in arrays else None

@@ -144,6 +144,29 @@ class ActivationEffort(FrameObjective):
             effort += ca.dot(weights[n_muscles:], _power(size, self.exponent))
         return effort
 
+    def efforts(
+        self, motion: Motion, activation: FloatArray, control: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Split the effort of given frames; of min/max, where there is no sum, the larger part is all of it.
+
+        Parameters
+        ----------
+        motion : Motion
+        activation : ndarray, shape (n_frames, n_muscles) [-]
+        control : ndarray, shape (n_frames, n_actuators) [-]
+
+        Returns
+        -------
+        of muscles, of actuators : ndarray, shape (n_frames,) [-]
+        """
+        weights = np.split(self._weights(motion), [motion.muscles.n_muscles])
+        parts = zip(weights, (activation, control), strict=True)
+        if math.isinf(self.exponent):
+            muscles, actuators = ((w * np.abs(x)).max(axis=1, initial=0.0) for w, x in parts)
+        else:
+            muscles, actuators = (np.abs(x) ** self.exponent @ w for w, x in parts)
+        return self.weight * muscles, self.weight * actuators
+
     def rows(self, frame: Frame) -> Rows | None:
         """Ties of the term's own unknowns to activations and controls."""
         if math.isinf(self.exponent):
@@ -158,6 +181,11 @@ class ActivationEffort(FrameObjective):
             names = [f"signs_{i}" for i in range(value.numel())]
             return Rows(value=value, lower=0.0, upper=0.0, names=names, unit="-")
         return None
+
+    @property
+    def degree(self) -> float:
+        """The exponent; 1 for min/max."""
+        return self.exponent if math.isfinite(self.exponent) else 1.0
 
     def gentler(self) -> ActivationEffort | None:
         """Half the exponent, for exponents whose powers are flat far from the optimum."""

@@ -17,6 +17,11 @@ class FrameObjective(Term, abc.ABC):
 
     weight: float
 
+    @property
+    def degree(self) -> float | None:
+        """Say d if unknowns that are all s times as large, s > 0, cost s^d times as much; else None."""
+        return None
+
     @abc.abstractmethod
     def value(self, frame: Frame) -> ca.SX:
         """Cost of one frame, a scalar, before the weight."""

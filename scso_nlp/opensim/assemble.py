@@ -9,6 +9,7 @@ import numpy as np
 
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+from scso_nlp.opensim.plausible import notes_on_units
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.opensim.worker.exchange import Result, joined
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
@@ -59,6 +60,8 @@ def assemble(motion: MotionInput, results: list[Result]) -> Motion:
     trajectory = MotionTrajectory(
         name=motion.name, skeleton=Skeleton(**fields["skeleton"]), curvature=curvature, **fields["trajectory"]
     )
+    for note in notes_on_units(motion, trajectory, fields["log"]["size"]):
+        logger.warning("%s", note)
     return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import require_file
 from scso_nlp.io.storage import Storage, read_storage, with_distinct_times
 from scso_nlp.opensim.model_names import ModelNames, model_names
 from scso_nlp.opensim.setup_xml import LoadSource, MotionInput, check_document, read_external_loads
@@ -79,8 +78,6 @@ def check_input(motion: MotionInput) -> CheckedInput:
     NameMismatchError
         A load whose columns are not there.
     """
-    for path in motion.files():
-        require_file(path)
     check_document(motion.model, "Model")
     for path in motion.actuators:
         check_document(path, "ForceSet")

@@ -11,11 +11,13 @@ import json
 import logging
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,9 +25,11 @@ from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
+from scso_nlp.files import lock
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.opensim.setup_xml import LOADS_DATA
-from scso_nlp.opensim.worker.exchange import Job, Result, log_file, read_result, write_job
+from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
+from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
 
@@ -38,6 +42,8 @@ del sys.path[0]
 from scso_nlp.opensim.worker.process import main
 sys.exit(main(sys.argv[2:]))
 """
+#: Names of folders for temporary files start with it.
+TEMPORARY = "scso_worker_"
 #: A bar appears only when the extraction lasts longer [s].
 PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
@@ -91,14 +97,48 @@ def extract(
     ScsoError
         What a worker refused, by its own class.
     EngineError
-        OpenSim refused the input, or a worker died.
+        OpenSim refused the input, a worker died, or there is no room for them or their temporary files.
     """
-    with tempfile.TemporaryDirectory(prefix="scso_") as name:
-        folder = Path(name)
-        if load_table is not None:
-            write_storage(load_table, folder / LOADS_DATA)
-        write_job(folder, job, external_loads)
-        return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    try:
+        with _own_folder() as folder:
+            if load_table is not None:
+                write_storage(load_table, folder / LOADS_DATA)
+            write_job(folder, job, external_loads)
+            return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+    except BrokenPipeError:
+        # of a progress bar that nobody reads any more
+        raise
+    except OSError as error:
+        raise EngineError(
+            f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
+            "stand where TMPDIR says)"
+        ) from None
+
+
+@contextlib.contextmanager
+def _own_folder() -> Iterator[Path]:
+    """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
+    _remove_orphans()
+    folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
+    descriptor = None
+    try:
+        descriptor = lock(folder)
+        yield folder
+    finally:
+        with undisturbed():
+            shutil.rmtree(folder, ignore_errors=True)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _remove_orphans() -> None:
+    for job in Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*/{JOB}"):
+        # a folder is locked before its job is written; others may belong to somebody else
+        with contextlib.suppress(OSError):
+            descriptor = lock(job.parent)
+            if descriptor is not None:
+                shutil.rmtree(job.parent, ignore_errors=True)
+                os.close(descriptor)
 
 
 def worker_environment() -> dict[str, str]:
@@ -144,13 +184,14 @@ class _Crew:
                 readers.append(reader)
             self._wait(crew, progress)
         finally:
-            for process in crew:
-                _end(process)
+            with undisturbed():
+                _end(crew)
             for reader in readers:
                 reader.join(PATIENCE)
             for process in crew:
-                if process.stdout is not None:
-                    process.stdout.close()
+                for stream in (process.stdin, process.stdout):
+                    if stream is not None:
+                        stream.close()
             self._pass_log_on()
         results = [read_result(self.folder, part) for part in range(self.n_workers)]
         return [result for result in results if result.arrays]
@@ -244,7 +285,8 @@ def _start(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
     package = Path(exceptions.__file__).parents[1]
     return subprocess.Popen(
         [sys.executable, "-P", "-c", PROGRAM, str(package), str(folder), str(part), str(parts)],
-        stdin=subprocess.DEVNULL,
+        # never written to: it closes when this process ends, however it ends
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=worker_environment(),
@@ -254,9 +296,11 @@ def _start(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
     )
 
 
-def _end(process: subprocess.Popen[str]) -> None:
-    if process.poll() is None:
-        process.terminate()
+def _end(crew: list[subprocess.Popen[str]]) -> None:
+    for process in crew:
+        if process.poll() is None:
+            process.terminate()
+    for process in crew:
         try:
             process.wait(PATIENCE)
         except subprocess.TimeoutExpired:

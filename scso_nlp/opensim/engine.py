@@ -12,12 +12,13 @@ import importlib.metadata
 import json
 import logging
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, EngineError
-from scso_nlp.files import absolute, make_folder, sha256
+from scso_nlp.files import absolute, hashes, make_folder, refuse_changed, require_file
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
 from scso_nlp.motion import Motion
@@ -27,6 +28,7 @@ from scso_nlp.opensim.checks import CheckedInput, check_input
 from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
     MotionInput,
+    named_files,
     read_analyze_setup,
     read_external_loads,
     with_changes,
@@ -84,43 +86,83 @@ def load_motion(
     -----
     Coordinates, speeds and accelerations are those of OpenSim's static optimization. Where coordinates
     depend on others (couplers, closed loops), their values and accelerations follow from the constraints; so
-    do their speeds with ``keep_coupled_speeds=False``.
+    do their speeds with ``keep_coupled_speeds=False``. Where a model with a ConstraintSet clamps a coordinate
+    to a range that the motion leaves, values are those of OpenSim's own assembly (logged); speeds stay.
     """
     if isinstance(setup, (str, os.PathLike)):
         setup = read_analyze_setup(setup)
     motion = setup.motion if isinstance(setup, AnalyzeSetup) else setup
     motion = with_changes(motion, changes)
+    return load_with_hashes(motion, processes=processes, cache=cache, progress=progress)[0]
+
+
+def load_with_hashes(
+    motion: MotionInput,
+    *,
+    processes: int | None = None,
+    cache: str | os.PathLike[str] | None = None,
+    progress: bool | None = None,
+) -> tuple[Motion, dict[str, str]]:
+    """Do what :func:`load_motion` does, and tell which files it has read.
+
+    Parameters
+    ----------
+    motion : MotionInput
+    processes, cache, progress
+        As for :func:`load_motion`.
+
+    Returns
+    -------
+    Motion, dict of str to str
+        The SHA-256 of every input file, by path, as it was when it was read: a file that changes meanwhile is
+        refused. What happens to it later does no harm.
+
+    Raises
+    ------
+    DataError, EngineError
+        As for :func:`load_motion`.
+    """
     if processes is not None and processes < 1:
         raise DataError(f"processes is {processes}, expected 1 or more")
+    inputs = hashes(_input_files(motion))
     checked = check_input(motion)
+    refuse_changed(inputs)
     if cache is None:
-        return _extract(checked, processes, progress)
+        return _extract(checked, inputs, processes, progress), inputs
     folder = absolute(cache)
-    provenance = _provenance(checked)
+    provenance = _provenance(checked, inputs)
     bundle = folder / f"{_file_name(motion.name)}-{_key(provenance)[:16]}.npz"
     if os.path.isfile(bundle):
         try:
             result = load_bundle(bundle)
             logger.info("read %s: OpenSim not needed", bundle)
-            return result
+            return result, inputs
         except DataError as error:
             logger.warning("the cached motion is computed again: %s", error)
     make_folder(folder)
-    result = _extract(checked, processes, progress)
-    save_bundle(bundle, result, provenance=provenance)
-    return result
+    result = _extract(checked, inputs, processes, progress)
+    try:
+        save_bundle(bundle, result, provenance=provenance)
+    except DataError as error:
+        logger.warning("the motion is not cached: %s", error)
+    return result, inputs
 
 
-def _extract(checked: CheckedInput, processes: int | None, progress: bool | None) -> Motion:
+def _extract(
+    checked: CheckedInput, inputs: Mapping[str, str], processes: int | None, progress: bool | None
+) -> Motion:
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
     loads = None if checked.loads is None else checked.loads.text
-    results = crew.extract(_job(checked), n_workers, progress, loads, checked.load_table)
+    results = crew.extract(_job(checked, inputs), n_workers, progress, loads, checked.load_table)
     return assemble(checked.motion, results)
 
 
-def _job(checked: CheckedInput) -> Job:
+def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:
+    motion = checked.motion
+    read_here = {str(path) for path in (motion.motion, motion.speeds, motion.external_loads)}
     return Job(
+        inputs={path: digest for path, digest in inputs.items() if path not in read_here},
         settings=_settings(checked),
         motion=_table(checked.table),
         unusable=checked.unusable,
@@ -161,31 +203,25 @@ def opensim_version() -> str:
         ) from None
 
 
-def _provenance(checked: CheckedInput) -> Provenance:
+def _provenance(checked: CheckedInput, inputs: Mapping[str, str]) -> Provenance:
     return Provenance(
         package_version=_package_version(),
         opensim_version=opensim_version(),
-        inputs=input_hashes(checked.motion),
+        inputs=inputs,
         settings=_settings(checked),
     )
 
 
-def input_hashes(motion: MotionInput) -> dict[str, str]:
-    """Return the SHA-256 of every input file, by path.
-
-    Parameters
-    ----------
-    motion : MotionInput
-
-    Returns
-    -------
-    dict of str to str
-        The data file of the external loads is included.
-    """
+def _input_files(motion: MotionInput) -> list[Path]:
+    """List every input file, with those that the files themselves name."""
     paths = list(motion.files())
+    for path in paths:
+        require_file(path)
     if motion.external_loads is not None:
         paths.append(read_external_loads(motion.external_loads).data)
-    return {str(path): sha256(path) for path in paths}
+    for path in (motion.model, *motion.actuators):
+        paths += named_files(path)
+    return paths
 
 
 def _package_version() -> str:

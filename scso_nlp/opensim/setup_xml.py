@@ -64,6 +64,7 @@ DEEPEST = 200
 @dataclass(frozen=True, kw_only=True)
 @checked_as(
     actuators=str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    outside_force_set=str | Iterable[str],
     held_coordinates=str | Iterable[str],
     curvature_coordinates=str | Iterable[str],
     **dict.fromkeys(("model",), str | os.PathLike[str]),
@@ -86,6 +87,9 @@ class MotionInput:
         Force set files that are added to the model.
     replace_force_set : bool
         Drop the model's own forces first.
+    outside_force_set : tuple of str
+        Muscles and actuators outside the model's ForceSet that are unknowns too, by name or path; "all" is
+        all of them. The others act in their default state, as in OpenSim's static optimization.
     initial_time, final_time : float or None [s]
         Range to analyze; None or infinity is the whole motion. A range that reaches beyond the motion is cut
         to it (logged). As in OpenSim no frame is interpolated: the range starts and ends with the last frame
@@ -102,7 +106,7 @@ class MotionInput:
     speeds_in_degrees : bool or None
         The same for the angular speeds of `speeds`, which have a header of their own.
     held_coordinates : tuple of str
-        Coordinates that may stay at zero because the motion has no column for them.
+        Coordinates for which the motion needs no column: they stay at zero, with `states` at their default.
     keep_coupled_speeds : bool
         Take the speeds of coupled coordinates from the motion even where they contradict the constraints, as
         OpenSim's static optimization does (logged). False: they follow from the free coordinates.
@@ -121,6 +125,7 @@ class MotionInput:
     external_loads: Path | None = None
     actuators: tuple[Path, ...] = ()
     replace_force_set: bool = False
+    outside_force_set: tuple[str, ...] = ()
     initial_time: float | None = None
     final_time: float | None = None
     lowpass_cutoff_frequency: float | None = None
@@ -141,7 +146,7 @@ class MotionInput:
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
         set_field(self, "actuators", tuple(absolute(path) for path in self.actuators))
-        for name in ("held_coordinates", "curvature_coordinates"):
+        for name in ("outside_force_set", "held_coordinates", "curvature_coordinates"):
             names = getattr(self, name)
             set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
         set_field(self, "curvature_coordinates", unique_names("coordinate", self.curvature_coordinates))
@@ -391,6 +396,29 @@ def read_external_loads(path: Path) -> LoadSource:
     return LoadSource(
         text=ElementTree.tostring(root, encoding="unicode"), data=data, identifiers=tuple(identifiers)
     )
+
+
+def named_files(path: Path) -> tuple[Path, ...]:
+    """Find the data files that a model or force set names: meshes that touch, data of loads.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple of Path
+        Those that are there; none where the file is not XML, which is said elsewhere.
+    """
+    try:
+        root = read_xml(path)
+    except FileFormatError:
+        return ()
+    reader = _Reader(path, root)
+    texts = [element.findtext("filename") for element in root.iter("ContactMesh")]
+    texts += [element.text for element in root.iter("datafile")]
+    files = (reader.path(text.strip()) for text in texts if text and text.strip())
+    return tuple(file for file in files if os.path.isfile(file))
 
 
 def read_xml(path: Path) -> Element:

@@ -1,8 +1,8 @@
 """Write a solution in OpenSim's own file formats, with statuses, stability, a report and figures.
 
-The files of one run appear whole or not at all: all of them are written into a temporary folder beside the
-target first. ``report.json`` leaves first and arrives last, so a folder that holds one is complete. Figures
-are drawn afterwards, so that whatever fails in them costs no results.
+The files of one run appear whole or not at all: all of them are written into a folder within the target
+first. ``report.json`` leaves first and arrives last, so a folder that holds one is complete. Figures are
+drawn afterwards, so that whatever fails in them costs no results.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import logging
 import math
 import os
 import re
-import shutil
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,13 +31,19 @@ from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.report.folder import (
     COMPLETE,
     FAILED,
+    NEW,
     NO_RESULTS,
+    OLD,
     REPORT,
     WITH_GAPS,
+    claimed,
     names_in,
     read_report,
+    remove_empty,
+    settle,
     worth,
 )
+from scso_nlp.signals import undisturbed
 from scso_nlp.solution import MatrixResult, RowResult, Solution, Status
 from scso_nlp.validation import FloatArray
 
@@ -54,6 +58,7 @@ STATUS_CODES = {
     Status.NUMERICAL_ERROR: 4,
     Status.NOT_OPTIMAL: 5,
     Status.STABILITY_MISSED: 6,
+    Status.LOCALLY_INFEASIBLE: 7,
 }
 #: Violation of a frame that has no iterate, in the status file: OpenSim's Storage stops reading at NaN.
 NO_ITERATE = -1.0
@@ -172,41 +177,86 @@ def write_solution(
     OpenSim's ``Storage`` reads a file up to the first NaN, so files with failed frames are for other
     readers.
     """
-    name = solution.problem.motion.trajectory.name
+    return write_where_free(
+        solution,
+        absolute(folder),
+        lambda _: True,
+        analysis_name=analysis_name,
+        record=record,
+        keep_failed=keep_failed,
+        baseline=baseline,
+        figures=figures,
+    )
+
+
+def write_where_free(
+    solution: Solution,
+    wanted: Path,
+    is_free: Callable[[Path], bool],
+    *,
+    analysis_name: str,
+    record: RunRecord | None,
+    keep_failed: bool,
+    baseline: Solution | None,
+    figures: bool,
+) -> tuple[Path, ...]:
+    """Write all result files of a solution into the first of `wanted`, `wanted_2`, ... that is free.
+
+    Parameters
+    ----------
+    solution : Solution
+    wanted : Path
+        Absolute.
+    is_free : callable
+        As for :func:`~scso_nlp.report.folder.claimed`.
+    analysis_name, record, keep_failed, baseline, figures
+        As for :func:`write_solution`.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
+
+    Raises
+    ------
+    DataError, NameMismatchError
+        As for :func:`write_solution`.
+    """
+    name, record = solution.problem.motion.trajectory.name, record or RunRecord()
     for part in (name, analysis_name):
         check_name(part)
-    folder = absolute(folder)
     is_complete = bool(solution.is_solved.all())
     has_results = keep_failed or is_complete
+    report = _report(solution, record, baseline)
+    makers = (RESULT_FILES if has_results else {}) | STATUS_FILE
     own = own_files(name, analysis_name)
-    earlier = folder
-    if worth(folder) > (COMPLETE if is_complete else WITH_GAPS if has_results else NO_RESULTS):
-        folder /= FAILED
-    temporary = _beside(folder)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        if folder.exists() and not folder.is_dir():
-            raise DataError(f"{folder} is a file, expected a folder for the results")
-        temporary.mkdir()
-        for pattern, make in ((RESULT_FILES if has_results else {}) | STATUS_FILE).items():
-            _write(make(solution), temporary / pattern.format(name=name, analysis=analysis_name))
-        _write_report(solution, record or RunRecord(), temporary, own)
-        _move(temporary, folder, own)
+        with claimed(wanted, is_free) as folder:
+            earlier = folder
+            if worth(folder) > (COMPLETE if is_complete else WITH_GAPS if has_results else NO_RESULTS):
+                folder /= FAILED
+            _put(
+                solution,
+                report,
+                folder,
+                own,
+                {p.format(name=name, analysis=analysis_name): m for p, m in makers.items()},
+            )
+            if folder == earlier:
+                _remove_failed(folder / FAILED, name, own)
+            else:
+                _LOG.warning(
+                    "this run is in %s, because it failed: earlier results in %s stay", folder, earlier
+                )
+            if has_results and figures:
+                _write_figures(solution, folder, baseline)
+                try:
+                    _write_report(report, folder, own)
+                except DataError as error:
+                    _LOG.warning("the report lacks the figures: %s", error)
+            return tuple(folder / file for file in (*_found(folder, own), REPORT))
     except OSError as error:
-        raise DataError(f"results cannot be written to {folder}: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-    if folder == earlier:
-        _remove_failed(folder / FAILED, name, own)
-    else:
-        _LOG.warning("this run is in %s, because it failed: earlier results in %s stay", folder, earlier)
-    if has_results and figures:
-        _write_figures(solution, folder, baseline)
-        try:
-            _write_report(solution, record or RunRecord(), folder, own)
-        except DataError as error:
-            _LOG.warning("the report lacks the figures: %s", error)
-    return tuple(folder / file for file in (*_found(folder, own), REPORT))
+        raise DataError(f"results cannot be written to {wanted}: {error.strerror or error}") from None
 
 
 def own_files(name: str, analysis_name: str) -> re.Pattern[str]:
@@ -233,34 +283,31 @@ def _found(folder: Path, own: re.Pattern[str]) -> list[str]:
     return [name for name in names_in(folder) if own.fullmatch(name)]
 
 
-def _beside(folder: Path) -> Path:
-    return folder.parent / f".{folder.name}.{uuid.uuid4().hex}.tmp"
-
-
-def _move(source: Path, target: Path, own: re.Pattern[str]) -> None:
-    """Put the files of `source` in place of those in `target` that match `own`, or leave those there."""
-    if not target.exists():
-        os.replace(source, target)
-        return
-    earlier = _beside(target)
-    earlier.mkdir()
-    new = (*_found(source, own), REPORT)
+def _put(
+    solution: Solution,
+    report: Mapping[str, Any],
+    folder: Path,
+    own: re.Pattern[str],
+    makers: Mapping[str, Callable[[Solution], Storage | str | None]],
+) -> None:
+    """Put files and report in place of those in a folder that match `own`, or leave those there."""
+    new, old = folder / NEW, folder / OLD
     try:
-        for name in (REPORT, *_found(target, own)):
+        new.mkdir(parents=True)
+        for file, make in makers.items():
+            _write(make(solution), new / file)
+        _write_report(report, new, own)
+        old.mkdir()
+        for file in (REPORT, *_found(folder, own)):
             with contextlib.suppress(FileNotFoundError):
-                os.replace(target / name, earlier / name)
-        for name in new:
-            os.replace(source / name, target / name)
-    except BaseException:
-        for name in new:
-            if not (source / name).exists():
-                (target / name).unlink(missing_ok=True)
-        for name in (*_found(earlier, own), REPORT):
-            with contextlib.suppress(FileNotFoundError):
-                os.replace(earlier / name, target / name)
-        earlier.rmdir()
-        raise
-    shutil.rmtree(earlier, ignore_errors=True)
+                os.replace(folder / file, old / file)
+        for file in (*_found(new, own), REPORT):
+            os.replace(new / file, folder / file)
+    finally:
+        with undisturbed():
+            settle(folder)
+        if folder.name == FAILED:
+            remove_empty(folder)
 
 
 def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:
@@ -270,7 +317,7 @@ def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:
     with contextlib.suppress(OSError):
         for file in (REPORT, *_found(folder, own)):
             (folder / file).unlink()
-        folder.rmdir()
+    remove_empty(folder)
 
 
 def _write(content: Storage | str | None, path: Path) -> None:
@@ -446,22 +493,23 @@ def _has_rows(solution: Solution) -> bool:
 
 
 def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) -> None:
-    from scso_nlp import figures
+    with undisturbed():
+        from scso_nlp import figures
 
     name = solution.problem.motion.name
     for what, draw in FIGURES.items():
         figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
 
 
-def _write_report(solution: Solution, record: RunRecord, folder: Path, own: re.Pattern[str]) -> None:
+def _write_report(report: Mapping[str, Any], folder: Path, own: re.Pattern[str]) -> None:
     """Write the report about a folder, with the hashes of the files that are there."""
     files = {name: sha256(folder / name) for name in _found(folder, own)}
-    text = json.dumps(_report(solution, record, files), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps({**report, "files_sha256": files}, indent=1, ensure_ascii=False, allow_nan=False)
     with write_whole(folder / REPORT) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> dict[str, Any]:
+def _report(solution: Solution, record: RunRecord, baseline: Solution | None) -> dict[str, Any]:
     problem = solution.problem
     trajectory = problem.motion.trajectory
     balance = solution.moment_balance
@@ -488,7 +536,7 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
         },
         "settings": dict(record.settings),
         "inputs_sha256": dict(record.inputs),
-        "files_sha256": dict(files),
+        "files_sha256": {},
         "versions": dict(solution.report.versions),
         "solver": {
             "name": solution.report.solver,
@@ -505,8 +553,14 @@ def _report(solution: Solution, record: RunRecord, files: Mapping[str, str]) -> 
         "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
         "status_counts": counts,
         "frame_status": [status.name for status in statuses],
-        "verdict": {**asdict(solution.verdict), "lines": solution.verdict.lines()},
+        "verdict": {
+            **asdict(solution.verdict),
+            "lines": solution.verdict.lines(baseline.verdict if baseline else None),
+        },
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
+        "infeasibility": [
+            {**asdict(proof), "margin": proof.margin, "text": str(proof)} for proof in solution.infeasibility
+        ],
         "notes": list(record.notes),
     }
     plain: dict[str, Any] = _plain(report)

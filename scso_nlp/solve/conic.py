@@ -157,7 +157,7 @@ def solve_matrix_programs(
     iterations = 0
     # An infeasible frame runs away until its numbers are not finite; that frame alone is then dropped.
     with np.errstate(all="ignore"):
-        frames = _scaled(program if remodel is None else remodel(point.x, left), frames.scale)
+        frames = _scaled(program if remodel is None else remodel(point.x, left), frames)
         frames = replace(frames, least_cost=_LEAST_COST * _largest_gradient(frames, point))
         length = np.ones(n_frames)
         for iterations in range(_MAX_ITERATIONS):
@@ -178,7 +178,7 @@ def solve_matrix_programs(
             step, length = _step(frames, point, residual)
             point = _moved(point, step, length)
             if remodel is not None:
-                model = _scaled(remodel(point.x, left), frames.scale)
+                model = _scaled(remodel(point.x, left), frames)
                 frames = replace(model, least_cost=frames.least_cost)
                 point = _absorbed(frames, point)
     return MatrixProgramAnswer(
@@ -250,7 +250,8 @@ def _of_null_space(multiplier: FloatArray, slack: FloatArray) -> FloatArray:
 class _Frames:
     """The program as the iterations use it.
 
-    The matrix inequality is divided by `scale` and its matrices are flat, (n_frames, n, size * size).
+    The matrix inequality is divided by `scale` and its matrices are flat, (n_frames, n, size * size);
+    equations and rows are divided by `row_scale` (n_frames, n_equations + n_rows).
     Bounds and rows are limits of x, -x and C x, (n_frames, 2 n + n_rows), zero where `has_limit` is False.
     """
 
@@ -264,6 +265,7 @@ class _Frames:
     matrices: FloatArray
     constant: FloatArray
     scale: FloatArray
+    row_scale: FloatArray
     least_cost: FloatArray
 
     def matrix(self, x: FloatArray) -> FloatArray:
@@ -313,30 +315,40 @@ class _Residual:
     mean_product: FloatArray
 
 
-def _scaled(program: MatrixProgram, scale: FloatArray | None = None) -> _Frames:
-    """Scale the matrix inequality of every frame so that its slack and multiplier may start at one."""
+def _scaled(program: MatrixProgram, like: _Frames | None = None) -> _Frames:
+    """Scale the matrix inequality so that its slack and multiplier may start at one, and rows likewise.
+
+    Models of the same frames are scaled alike.
+    """
     n_frames, n = program.linear.shape
     size = program.constant.shape[1]
     program = _with_numbers_for_fixed(program)
     matrices = program.matrices.reshape(n_frames, n, size * size)
-    if scale is None:
+    if like is None:
         scale = np.maximum(
             np.abs(program.constant).max(axis=(1, 2)), np.abs(matrices).max(axis=(1, 2), initial=0.0)
         )
         scale = np.where(scale > 0, scale, 1.0)
-    limits = np.concatenate([program.lower, -program.upper, program.least], axis=1)
+        both = np.concatenate([program.equations, program.rows], axis=1)
+        row_scale = np.abs(both).max(axis=2, initial=0.0)
+        row_scale = np.where(row_scale > 0, row_scale, 1.0)
+    else:
+        scale, row_scale = like.scale, like.row_scale
+    of_equations, of_rows = np.split(row_scale, [program.targets.shape[1]], axis=1)
+    limits = np.concatenate([program.lower, -program.upper, program.least / of_rows], axis=1)
     has_limit = np.isfinite(limits)
     return _Frames(
         quadratic=program.quadratic,
         linear=program.linear,
-        equations=program.equations,
-        targets=program.targets,
-        rows=program.rows,
+        equations=program.equations / of_equations[:, :, None],
+        targets=program.targets / of_equations,
+        rows=program.rows / of_rows[:, :, None],
         limits=np.where(has_limit, limits, 0.0),
         has_limit=has_limit,
         matrices=matrices / scale[:, None, None],
         constant=program.constant / scale[:, None, None],
         scale=scale,
+        row_scale=row_scale,
         least_cost=np.zeros(n_frames),
     )
 

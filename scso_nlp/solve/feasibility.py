@@ -1,19 +1,36 @@
-"""What a frame cannot keep: rows out of reach, proven by linear programs, and rows that an iterate misses."""
+"""What a frame cannot keep: rows proven to contradict each other, and rows that an iterate misses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.optimize import linprog
 
-from scso_nlp.solution import MatrixResult, RowResult, Shortfall
+from scso_nlp.solution import InfeasibilityProof, MatrixResult, RowResult, Shortfall
+from scso_nlp.solve.affine_system import affine_system, row_sizes
 from scso_nlp.stability.hessian import describe_turn
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, IntArray
 
 #: A row or bound may be missed by this much of its scale before a frame counts as infeasible [-].
 FEASIBILITY_TOLERANCE = 1e-6
+
+#: Residuals at which HiGHS stops, of rows divided by what their entries add up to: its least [-].
+_HIGHS_TOLERANCE = 1e-10
+
+#: Rows with less than this share of the largest part in a contradiction are left out where it may be [-].
+_LEAST_PART = 1e-7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Impossible:
+    """Rows that contradict each other: the proof, and what the best compromise misses, worst first."""
+
+    proof: InfeasibilityProof
+    shortfalls: tuple[Shortfall, ...]
 
 
 def worst_rows(
@@ -69,78 +86,137 @@ def worst_rows(
     return [shortfall for _, shortfall in sorted(found, key=lambda entry: -entry[0])[:most]]
 
 
-def out_of_reach(program: FrameProgram) -> list[Shortfall]:
-    """Rows that no unknowns within their bounds can reach, each taken alone.
+def out_of_reach(program: FrameProgram) -> dict[int, Impossible]:
+    """Find frames with rows that no unknowns within their bounds can reach, each row taken alone.
 
-    Interval arithmetic over the affine rows: cheap, necessary, not sufficient; :func:`infeasible_rows`
-    is the exact test of all rows together.
-    """
-    affine, (lower, upper) = program.split.affine, program.bounds()
-    n = len(affine.values)
-    low_x, high_x = lower[:, affine.column], upper[:, affine.column]
-    used = affine.values != 0  # a zero entry has no part in its row, even where the bound is infinite
-    at_low, at_high = (
-        np.multiply(affine.values, bound, where=used, out=np.zeros_like(affine.values))
-        for bound in (low_x, high_x)
-    )
-    least, most = np.minimum(at_low, at_high), np.maximum(at_low, at_high)
-    n_rows = int(affine.rows.max(initial=-1)) + 1
-    sums = [np.zeros((n, n_rows)), np.zeros((n, n_rows))]
-    for part, total in zip((least, most), sums, strict=True):
-        np.add.at(total, (np.arange(n)[:, None], affine.row[None, :]), part)
-    row_lower, row_upper = program.rows.lower, program.rows.upper
-    found = []
-    for i, r in enumerate(affine.rows):
-        constant = affine.constant[:, i]
-        short = np.maximum(
-            row_lower[r] - (sums[1][:, r] + constant), (sums[0][:, r] + constant) - row_upper[r]
-        )
-        for k in np.flatnonzero(short > FEASIBILITY_TOLERANCE):
-            wants_more = bool(row_lower[r] > sums[1][k, r] + constant[k])
-            found.append((float(short[k]), _shortfall(program, int(k), int(r), float(short[k]), wants_more)))
-    return [s for _, s in sorted(found, key=lambda entry: -entry[0])]
-
-
-def infeasible_rows(program: FrameProgram, frame: int) -> list[Shortfall]:
-    """Find the least total violation of the affine rows of one frame by a linear program.
+    Interval arithmetic over the affine rows: cheap, necessary, not sufficient; :func:`contradiction` is the
+    exact test of all rows together.
 
     Returns
     -------
-    list of Shortfall
-        Empty if all rows can be kept together; otherwise the rows that the best compromise misses.
+    dict of int to Impossible
+        By frame; the proof is that of the row which is missed by most of its size.
     """
-    lower, upper = (bound[frame] for bound in program.bounds())
-    matrix, row_lower, row_upper = _affine_rows(program, frame)
-    n_rows, n_x = matrix.shape
-    eye = np.eye(n_rows)
-    above, below = np.isfinite(row_lower), np.isfinite(row_upper)
-    a_ub = np.vstack([np.hstack([-matrix, -eye, 0 * eye])[above], np.hstack([matrix, 0 * eye, -eye])[below]])
-    b_ub = np.concatenate([-row_lower[above], row_upper[below]])
-    cost = np.concatenate([np.zeros(n_x), np.ones(2 * n_rows)])
-    limits = [*zip(lower, upper, strict=True), *[(0.0, np.inf)] * (2 * n_rows)]
-    result = linprog(cost, A_ub=a_ub, b_ub=b_ub, bounds=limits, method="highs")
-    if not result.success or result.fun <= FEASIBILITY_TOLERANCE:
-        return []
-    short, excess = result.x[n_x : n_x + n_rows], result.x[n_x + n_rows :]
-    order = np.argsort(-np.maximum(short, excess))
-    return [
-        _shortfall(
-            program,
-            frame,
-            int(program.split.affine.rows[i]),
-            float(max(short[i], excess[i])),
-            short[i] > excess[i],
-        )
-        for i in order
-        if max(short[i], excess[i]) > FEASIBILITY_TOLERANCE
-    ]
+    affine, (lower, upper) = program.split.affine, program.bounds()
+    n = len(affine.values)
+    used = affine.values != 0  # a zero entry has no part in its row, even where the bound is infinite
+    at_low, at_high = (
+        np.multiply(affine.values, bound[:, affine.column], where=used, out=np.zeros_like(affine.values))
+        for bound in (lower, upper)
+    )
+    sums = [np.zeros((n, affine.rows.size)), np.zeros((n, affine.rows.size))]
+    for part, total in zip((np.minimum(at_low, at_high), np.maximum(at_low, at_high)), sums, strict=True):
+        np.add.at(total, (np.arange(n)[:, None], affine.place[affine.row][None, :]), part)
+    least, most = (bound[affine.rows] - affine.constant for bound in (program.rows.lower, program.rows.upper))
+    below, above = least - sums[1], sums[0] - most
+    short = np.maximum(below, above)
+    size = row_sizes(affine, program.rows, lower, upper)
+    share = short / np.where(size > 0, size, 1.0)
+    found = {}
+    for k in np.flatnonzero((share > InfeasibilityProof.PROVEN).any(axis=1)):
+        system = affine_system(program, np.array([k]))
+        worst = int(share[k].argmax())
+        weight = np.zeros(affine.rows.size)
+        weight[worst] = 1.0 if below[k, worst] > 0 else -1.0
+        proof = system.proof(weight)
+        if proof.holds:
+            rows = np.flatnonzero(share[k] > InfeasibilityProof.PROVEN)
+            found[int(k)] = Impossible(
+                proof=proof,
+                shortfalls=tuple(
+                    system.shortfall(int(i), float(short[k, i]), below[k, i] > 0)
+                    for i in rows[np.argsort(-short[k, rows])]
+                ),
+            )
+    return found
 
 
-def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
+def contradiction(program: FrameProgram, frames: IntArray) -> Impossible | None:
+    """Find the least total violation of the affine rows of some frames by a linear program.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    frames : ndarray of int
+        One, or neighbours: then the rows of their pairs are looked at too.
+
+    Returns
+    -------
+    Impossible or None
+        None where all rows can be kept together, or where it is not proven that they cannot.
+
+    Notes
+    -----
+    The dual solution are Farkas' multipliers. They are believed for what they give when multiplied out, see
+    :attr:`InfeasibilityProof.margin`.
+    """
+    system = affine_system(program, frames)
+    n_rows, n = system.matrix.shape
+    size = np.where(system.size > 0, system.size, 1.0)
+    matrix = sp.diags_array(1 / size) @ system.matrix
+    low, high = system.row_lower / size, system.row_upper / size
+    above, below = np.isfinite(low), np.isfinite(high)
+    eye = sp.eye_array(n_rows, format="csr")
+    nothing = sp.csr_array((n_rows, n_rows))
+    answer = linprog(
+        np.concatenate([np.zeros(n), size, size]) / size.max(initial=1e-300),
+        A_ub=sp.vstack(
+            [
+                sp.hstack([-matrix, -eye, nothing], format="csr")[above],
+                sp.hstack([matrix, nothing, -eye], format="csr")[below],
+            ]
+        ),
+        b_ub=np.concatenate([-low[above], high[below]]),
+        bounds=np.column_stack(
+            [
+                np.append(system.lower, np.zeros(2 * n_rows)),
+                np.append(system.upper, np.full(2 * n_rows, np.inf)),
+            ]
+        ),
+        method="highs",
+        options={
+            "primal_feasibility_tolerance": _HIGHS_TOLERANCE,
+            "dual_feasibility_tolerance": _HIGHS_TOLERANCE,
+        },
+    )
+    if not answer.success or answer.fun <= 0:
+        return None
+    weight = np.zeros(n_rows)
+    prices = -answer.ineqlin.marginals
+    weight[above] += np.maximum(prices[: above.sum()], 0)
+    weight[below] -= np.maximum(prices[above.sum() :], 0)
+    part = np.abs(weight)
+    proof = system.proof(np.where(part > _LEAST_PART * part.max(), weight, 0) / size)
+    if not proof.holds:
+        proof = system.proof(weight / size)
+    if not proof.holds:
+        return None
+    short, excess = (answer.x[n:] * np.tile(size, 2)).reshape(2, -1)
+    miss = np.maximum(short, excess)
+    return Impossible(
+        proof=proof,
+        shortfalls=tuple(
+            system.shortfall(int(i), float(miss[i]), short[i] > excess[i])
+            for i in np.argsort(-miss)
+            if miss[i] > InfeasibilityProof.PROVEN * size[i]
+        ),
+    )
+
+
+def least_effort(
+    program: FrameProgram, frame: int, bounds: tuple[FloatArray, FloatArray]
+) -> FloatArray | None:
     """Keep the affine rows of one frame with the least largest unknown, by a linear program.
 
     The optimum of a sum of powers p of n unknowns has at most :math:`n^{1/p}` times this largest unknown,
     so it gives the frame's scale.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    frame : int
+    bounds : pair of ndarray, shape (n_unknowns,)
+        Of the scaled unknowns.
 
     Returns
     -------
@@ -149,53 +225,28 @@ def least_effort(program: FrameProgram, frame: int) -> FloatArray | None:
     """
     if program.split.nonlinear:
         return None
-    lower, upper = (bound[frame] for bound in program.bounds())
+    system = affine_system(program, np.array([frame]))
     used = ~program.split.affine.is_empty[frame]
-    matrix, row_lower, row_upper = (rows[used] for rows in _affine_rows(program, frame))
+    matrix = system.matrix.toarray()[used]
     size = np.abs(matrix).max(axis=1, initial=0.0)
-    matrix, row_lower, row_upper = matrix / size[:, None], row_lower / size, row_upper / size
-    eye, one = np.eye(lower.size), np.ones((lower.size, 1))
+    matrix, low, high = (matrix / size[:, None], system.row_lower[used] / size, system.row_upper[used] / size)
+    above, below = np.isfinite(low), np.isfinite(high)
+    # HiGHS's tolerances are absolute: rows and what they ask for are brought near one.
+    unit = np.abs(np.concatenate([low[above], high[below]])).max(initial=0.0) or 1.0
+    eye, one = np.eye(system.lower.size), np.ones((system.lower.size, 1))
     nothing = np.zeros((len(matrix), 1))
-    a_ub = np.vstack(
-        [
-            np.hstack([-matrix, nothing])[np.isfinite(row_lower)],
-            np.hstack([matrix, nothing])[np.isfinite(row_upper)],
-            np.hstack([eye, -one]),
-            np.hstack([-eye, -one]),
-        ]
-    )
-    b_ub = np.concatenate(
-        [-row_lower[np.isfinite(row_lower)], row_upper[np.isfinite(row_upper)], np.zeros(2 * lower.size)]
-    )
-    limits = [*zip(lower, upper, strict=True), (0.0, np.inf)]
     result = linprog(
-        np.append(np.zeros(lower.size), 1.0), A_ub=a_ub, b_ub=b_ub, bounds=limits, method="highs"
+        np.append(np.zeros(system.lower.size), 1.0),
+        A_ub=np.vstack(
+            [
+                np.hstack([-matrix, nothing])[above],
+                np.hstack([matrix, nothing])[below],
+                np.hstack([eye, -one]),
+                np.hstack([-eye, -one]),
+            ]
+        ),
+        b_ub=np.concatenate([-low[above] / unit, high[below] / unit, np.zeros(2 * system.lower.size)]),
+        bounds=np.column_stack([np.append(bounds[0] / unit, 0.0), np.append(bounds[1] / unit, np.inf)]),
+        method="highs",
     )
-    return np.clip(result.x[:-1], lower, upper) if result.success else None
-
-
-def _affine_rows(program: FrameProgram, frame: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Matrix (n_rows, n_unknowns) and bounds (n_rows,) of the affine rows of a frame, less constants."""
-    affine = program.split.affine.frames(np.array([frame]))
-    lower, upper = (
-        bound[affine.rows] - affine.constant[0] for bound in (program.rows.lower, program.rows.upper)
-    )
-    return affine.dense(program.layout.size)[0], lower, upper
-
-
-def _shortfall(program: FrameProgram, frame: int, row: int, amount: float, wants_more: bool) -> Shortfall:
-    affine, labels = program.split.affine, program.layout.labels
-    block, place = program.rows.find(row)
-    here = affine.row == row
-    gain = affine.values[frame, here] * (1.0 if wants_more else -1.0)
-    best = [labels[affine.column[here][i]] for i in np.argsort(-gain)[:3] if gain[i] > 0]
-    return Shortfall(
-        frame=frame,
-        time=float(program.time[frame]),
-        constraint=block.term,
-        row=block.label(frame, place),
-        amount=amount * block.scale,
-        unit=block.unit[place],
-        proven=True,
-        helpers=tuple(best),
-    )
+    return np.clip(unit * result.x[:-1], *bounds) if result.success else None

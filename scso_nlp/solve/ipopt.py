@@ -19,6 +19,7 @@ import numpy as np
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import EngineError, ProblemError
 from scso_nlp.solution import Status
+from scso_nlp.solve.threads import one_thread
 from scso_nlp.text import shown
 from scso_nlp.transcription.build import Nlp
 from scso_nlp.validation import FloatArray
@@ -40,6 +41,22 @@ _STATUS = {
 }
 
 
+#: Barrier parameter of a start at the optimum, over the tolerance [-].
+_LAST_BARRIER = 1e-4
+
+#: Options for starts at the optimum: stay there, or give up soon.
+_CONFIRMING: dict[str, object] = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-14,
+    "warm_start_bound_frac": 1e-14,
+    "warm_start_slack_bound_push": 1e-14,
+    "warm_start_slack_bound_frac": 1e-14,
+    "warm_start_mult_bound_push": 1e-12,
+    "mu_strategy": "monotone",
+    "max_iter": 30,
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SolverOptions:
@@ -55,6 +72,9 @@ class SolverOptions:
         Where no term couples frames, `solve_trajectory` cuts longer motions into programs of this size at
         most, because one difficult frame shortens the steps of all frames of its program. The answer does
         not depend on it; coupled motions are never cut.
+    presolve : bool
+        Whether frames with a convex objective and affine rows are first solved one by one, by a sequence of
+        quadratic programs: IPOPT then starts at their optima and confirms them.
     ipopt : mapping of str to number or str
         Further IPOPT options by their own names; they win.
     """
@@ -62,6 +82,7 @@ class SolverOptions:
     tolerance: float = 1e-8
     max_iterations: int = 500
     frames_per_program: int = 128
+    presolve: bool = True
     ipopt: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -83,8 +104,16 @@ class IpoptAnswer:
     iterations: int
 
 
-def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
-    """Make the solver function of a program."""
+def compile_ipopt(nlp: Nlp, options: SolverOptions, *, is_confirming: bool = False) -> ca.Function:
+    """Make the solver function of a program.
+
+    Parameters
+    ----------
+    nlp : Nlp
+    options : SolverOptions
+    is_confirming : bool
+        True for starts with multipliers that are the optimum already, to rounding.
+    """
     ipopt: dict[str, object] = {
         "tol": options.tolerance,
         "max_iter": options.max_iterations,
@@ -98,6 +127,8 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
         ipopt |= {"jac_c_constant": "yes", "jac_d_constant": "yes"}
         if nlp.objective_is_quadratic:
             ipopt["hessian_constant"] = "yes"
+    if is_confirming:
+        ipopt |= _CONFIRMING | {"mu_init": options.tolerance * _LAST_BARRIER}
     if _LOG.isEnabledFor(logging.DEBUG):
         ipopt["print_level"] = 5
     ipopt |= dict(options.ipopt)
@@ -107,6 +138,7 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions) -> ca.Function:
         "error_on_fail": False,
         "show_eval_warnings": _LOG.isEnabledFor(logging.DEBUG),
         "calc_lam_p": False,  # multipliers of the parameters are not used and cost a gradient
+        **nlp.derivatives,
     }
     try:
         return ca.nlpsol("solver", "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, casadi_options)
@@ -124,6 +156,7 @@ def call_ipopt(
     p: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     row_bounds: tuple[FloatArray, FloatArray],
+    multipliers: tuple[FloatArray, FloatArray] | None = None,
 ) -> IpoptAnswer:
     """Solve once.
 
@@ -134,6 +167,8 @@ def call_ipopt(
     p : ndarray, shape (n_parameters,)
     bounds : pair of ndarray, shape (n_unknowns,)
     row_bounds : pair of ndarray, shape (n_rows,)
+    multipliers : pair of ndarray, shapes (n_unknowns,) and (n_rows,), optional
+        To begin with, of bounds and rows; only a confirming solver looks at them.
 
     Returns
     -------
@@ -144,8 +179,11 @@ def call_ipopt(
     What a signal handler raises meanwhile, such as KeyboardInterrupt, ends the solve and is raised from here.
     """
     _require_memory()
-    with _interruptible():
-        answer = solver(x0=x0, p=p, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
+    given = {"x0": x0, "p": p, "lbx": bounds[0], "ubx": bounds[1], "lbg": row_bounds[0], "ubg": row_bounds[1]}
+    if multipliers is not None:
+        given["lam_x0"], given["lam_g0"] = multipliers
+    with _interruptible(), one_thread(of_ipopt=True):
+        answer = solver(**given)
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], Status.NUMERICAL_ERROR)
     _LOG.debug("IPOPT: %s after %d iterations", stats["return_status"], stats["iter_count"])

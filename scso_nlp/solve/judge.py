@@ -16,6 +16,7 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.solution import (
     SMALLEST_EIGENVALUE,
+    InfeasibilityProof,
     MatrixResult,
     MomentBalance,
     RowResult,
@@ -25,13 +26,14 @@ from scso_nlp.solution import (
     StabilityMargin,
     Status,
 )
-from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, infeasible_rows, worst_rows
+from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, Impossible, contradiction, worst_rows
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solve.threads import one_thread
 from scso_nlp.stability.hessian import smallest_eigenvalues
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.layout import PROBLEM
 from scso_nlp.transcription.rows import MatrixBlock, RowBlock
+from scso_nlp.transcription.turns import matrix_models, matrix_sizes
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
@@ -53,17 +55,21 @@ class Outcome:
     unknowns : ndarray, shape (n_frames, n_unknowns)
         NaN in frames for which no solver was called.
     multipliers : pair of ndarray, shapes (n_frames, n_rows) and (n_frames - 1, n_pair_rows)
-        In the solver's sign and scale, of the unweighted objective; NaN where there are none.
+        In the solver's sign and scale, of the unweighted objective of unknowns over `unit`; NaN where there
+        are none.
     status : tuple of Status
-    shortfalls : tuple of Shortfall
-        Rows proven out of reach before solving.
+    impossible : tuple of Impossible
+        Rows proven to contradict each other while solving.
+    unit : ndarray, shape (n_frames,), or None
+        1 if not given, and where the objective has no degree.
     """
 
     program: FrameProgram
     unknowns: FloatArray
     multipliers: tuple[FloatArray, FloatArray]
     status: tuple[Status, ...]
-    shortfalls: tuple[Shortfall, ...] = ()
+    impossible: tuple[Impossible, ...] = ()
+    unit: FloatArray | None = None
 
 
 def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> Solution:
@@ -85,11 +91,16 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
     motion = program.problem.motion
     missing = np.asarray(np.isnan(outcome.unknowns).any(axis=1))
     finite = np.nan_to_num(outcome.unknowns)
-    rows = _row_results(program, finite, outcome.multipliers, missing)
-    matrices = _matrix_results(program, finite, outcome.multipliers[0], missing)
-    optimality = optimality_of(program, finite, outcome.multipliers, ~missing)
+    optimality = optimality_of(program, finite, outcome.multipliers, ~missing, outcome.unit)
+    missed = _missed_eigenvalues(program, finite)
+    optimality = replace(optimality, feasibility=np.maximum(optimality.feasibility, missed))
+    multipliers = outcome.multipliers
+    if outcome.unit is not None and program.degree is not None:
+        multipliers = (multipliers[0] * outcome.unit[:, None] ** program.degree, multipliers[1])
+    rows = _row_results(program, finite, multipliers, missing)
+    matrices = _matrix_results(program, finite, multipliers[0], missing)
     worst = np.nan_to_num(optimality.worst, nan=np.inf) if is_graded else np.zeros(missing.size)
-    status, shortfalls = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
+    status, shortfalls, proofs = _statuses(outcome, rows, matrices, optimality.feasibility, worst)
     solved: BoolArray = np.array([s.is_solved for s in status])
     parts = program.layout.split(outcome.unknowns * program.layout.scale)
     activation, control = (parts.pop((PROBLEM, name)) for name in ("activation", "control"))
@@ -114,6 +125,7 @@ def judge(outcome: Outcome, report: SolveReport, *, is_graded: bool = True) -> S
         objective_terms=_objective_terms(program, finite, solved),
         violation=_violations(program, finite, rows, matrices, solved),
         shortfalls=shortfalls,
+        infeasibility=proofs,
         report=report,
     )
 
@@ -269,6 +281,17 @@ def _matrix_results(
     return results | _observed_matrices(program, unknowns, missing)
 
 
+def _missed_eigenvalues(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    """Largest violation of a matrix over what its entries add up to, shape (n_frames,)."""
+    worst = np.zeros(len(unknowns))
+    for model in matrix_models(program):
+        with one_thread():
+            least = np.linalg.eigvalsh(model.value(unknowns, program.arrays))[:, 0]
+        sizes = matrix_sizes(program, model, unknowns)
+        worst = np.maximum(worst, np.maximum(-least, 0.0) / np.where(sizes > 0, sizes, 1.0))
+    return worst
+
+
 def _observed_matrices(
     program: FrameProgram, unknowns: FloatArray, missing: BoolArray
 ) -> dict[str, MatrixResult]:
@@ -309,10 +332,11 @@ def _statuses(
     matrices: dict[str, MatrixResult],
     feasibility: FloatArray,
     worst: FloatArray,
-) -> tuple[tuple[Status, ...], tuple[Shortfall, ...]]:
+) -> tuple[tuple[Status, ...], tuple[Shortfall, ...], tuple[InfeasibilityProof, ...]]:
     """Hold what the solver said of each frame against its rows and the conditions of an optimum.
 
-    Worst shortfalls of failed frames come first.
+    A frame is infeasible if it is proven so, whatever the solver said. Worst shortfalls of failed frames
+    come first.
     """
     program, status = outcome.program, list(outcome.status)
     violation = _scaled_violation(program, rows, matrices)
@@ -329,27 +353,41 @@ def _statuses(
             status[k] = Status.ACCEPTABLE
         elif found is Status.SOLVED and missed[k] > LOOSE_VIOLATION:
             status[k] = Status.STABILITY_MISSED
-    shortfalls = list(outcome.shortfalls)
-    reached = {shortfall.frame for shortfall in shortfalls}
-    # Affine rows of one frame that the linear program can keep are not infeasible, whatever IPOPT says.
-    found_only_by_ipopt = not (program.split.nonlinear or program.is_coupled)
-    failed = [k for k in range(len(status)) if not status[k].is_solved and k not in reached]
-    undefined = program.undefined(_somewhere(program, outcome.unknowns)) if failed else {}
-    for k in failed:
-        proven = infeasible_rows(program, k)
-        if proven:
+    failed: BoolArray = np.array([not found.is_solved for found in status])
+    impossible = {entry.proof.frame: entry for entry in outcome.impossible if entry.proof.holds}
+    # What looks acceptable may be the best compromise between rows that contradict each other.
+    loose = (violation > FEASIBILITY_TOLERANCE) | (np.nan_to_num(feasibility) > OPTIMALITY_TOLERANCE)
+    for frame in np.flatnonzero(failed | loose).tolist():
+        if frame not in impossible and (alone := contradiction(program, np.array([frame]))) is not None:
+            impossible[frame] = alone
+    if failed.any() and program.is_coupled and not impossible:
+        whole = contradiction(program, np.arange(len(status)))
+        impossible = {} if whole is None else {whole.proof.frame: whole}
+    shortfalls = [shortfall for entry in impossible.values() for shortfall in entry.shortfalls]
+    # Rows of one frame that are all affine can be kept if they do not contradict each other.
+    otherwise = Status.LOCALLY_INFEASIBLE
+    if not (program.split.nonlinear or program.is_coupled):
+        otherwise = Status.NUMERICAL_ERROR
+    undefined = program.undefined(_somewhere(program, outcome.unknowns)) if failed.any() else {}
+    for k in range(len(status)):
+        if k in impossible or (program.is_coupled and impossible and failed[k]):
             status[k] = Status.INFEASIBLE
-        elif found_only_by_ipopt and status[k] is Status.INFEASIBLE:
-            status[k] = Status.NUMERICAL_ERROR
-        if not proven and status[k] is Status.NUMERICAL_ERROR and k in undefined:
+        elif status[k] is Status.INFEASIBLE:
+            status[k] = otherwise
+        if not failed[k] or k in impossible:
+            continue
+        if status[k] is Status.NUMERICAL_ERROR and k in undefined:
             shortfalls.append(
                 Shortfall.of_objective(frame=k, time=float(program.time[k]), objective=undefined[k])
             )
-        elif proven or np.isfinite(outcome.unknowns[k]).all():
-            shortfalls += proven or worst_rows(program, rows, matrices, k)
+        elif np.isfinite(outcome.unknowns[k]).all():
+            shortfalls += worst_rows(program, rows, matrices, k)
     scales = _scales(program)
-    worst_first = sorted(shortfalls, key=lambda s: -s.amount / scales.get(s.constraint, 1.0))
-    return tuple(status), tuple(worst_first)
+    return (
+        tuple(status),
+        tuple(sorted(shortfalls, key=lambda s: -s.amount / scales.get(s.constraint, 1.0))),
+        tuple(impossible[k].proof for k in sorted(impossible)),
+    )
 
 
 def _somewhere(program: FrameProgram, unknowns: FloatArray) -> FloatArray:

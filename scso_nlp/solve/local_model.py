@@ -73,11 +73,12 @@ class LocalModel:
     def rows(self, unknowns: FloatArray, frames: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Matrix (n_frames, n_rows, n), lower and upper bounds (n_frames, n_rows) of one-frame rows.
 
-        Nonlinear rows are linearised. Affine rows that have no unknown in any frame are left out.
+        Nonlinear rows are linearised. Affine rows that have no unknown in any frame of the program are left
+        out: the same ones whichever frames are asked for.
         """
         n_frames, n = unknowns.shape
         affine, table = self.program.split.affine.frames(frames), self.program.rows
-        kept = ~affine.is_empty.all(axis=0)
+        kept = ~self.program.split.affine.is_empty.all(axis=0)
         matrices, constants = [affine.dense(n)[:, kept]], [affine.constant[:, kept]]
         numbers = [affine.rows[kept]]
         arrays = part_of(self.program, frames)

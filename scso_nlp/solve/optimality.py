@@ -27,6 +27,7 @@ def optimality_of(
     unknowns: FloatArray,
     multipliers: tuple[FloatArray, FloatArray],
     solved: BoolArray,
+    unit: FloatArray | None = None,
 ) -> Optimality:
     """Recompute the conditions of an optimum.
 
@@ -40,15 +41,20 @@ def optimality_of(
         In the solver's sign and scale; NaN counts as zero.
     solved : ndarray of bool, shape (n_frames,)
         Other frames get NaN.
+    unit : ndarray, shape (n_frames,), optional
+        Multipliers are those of the objective of unknowns divided by this, instead of 1. It differs from 1
+        only where the objective has a degree, so that it is the same objective times a number.
 
     Returns
     -------
     Optimality
     """
-    gradient = _objective_gradient(program, unknowns)
+    unit = np.ones(len(unknowns)) if unit is None else unit
+    gradient = _objective_gradient(program, unknowns, unit)
     lower, upper = program.bounds()
     rest = np.clip(0.0, lower, upper)
-    rise = np.maximum(np.abs(gradient), np.abs(gradient - np.nan_to_num(_objective_gradient(program, rest))))
+    at_rest = np.nan_to_num(_objective_gradient(program, rest, unit))
+    rise = np.maximum(np.abs(gradient), np.abs(gradient - at_rest))
     lam = tuple(np.nan_to_num(m) for m in multipliers)
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
     missed = np.zeros(len(unknowns))
@@ -90,17 +96,17 @@ def optimality_of(
 def _has_slope(program: FrameProgram) -> BoolArray:
     """Tell in which frames the objective changes at all, shape (n_frames,)."""
     half = np.clip(0.5, *program.bounds())
-    return (np.nan_to_num(_objective_gradient(program, half)) != 0).any(axis=1)
+    return (np.nan_to_num(_objective_gradient(program, half, np.ones(len(half)))) != 0).any(axis=1)
 
 
-def _objective_gradient(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
-    """Gradient of the unweighted objective by the scaled unknowns, shape (n_frames, size)."""
+def _objective_gradient(program: FrameProgram, unknowns: FloatArray, unit: FloatArray) -> FloatArray:
+    """Gradient by the scaled unknowns of the objective of unknowns over unit, shape (n_frames, size)."""
     gradient = np.zeros(unknowns.shape)
     for _, piece in program.objectives:
-        slopes = evaluate(piece, piece.slope(), unknowns, program.arrays)[0]
+        slopes = evaluate(piece, piece.slope(), unknowns / unit[:, None], program.arrays)[0]
         for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
             gradient[side : side + len(part)] += part
-    return gradient
+    return gradient / unit[:, None]
 
 
 def _reaction(

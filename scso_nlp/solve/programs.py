@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -12,14 +12,15 @@ import numpy as np
 
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution, Status
-from scso_nlp.solve.feasibility import infeasible_rows, least_effort, out_of_reach
+from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, out_of_reach
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solve.presolve import Start, presolve
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
-from scso_nlp.validation import FloatArray, IntArray
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -74,12 +75,12 @@ def solve_rows(
     """
     started = time.perf_counter()
     n = program.time.size
-    shortfalls = out_of_reach(program)
-    for k in sorted(set(doubtful) - {shortfall.frame for shortfall in shortfalls}):
-        shortfalls += infeasible_rows(program, k)
-    lost = {shortfall.frame for shortfall in shortfalls}
-    if program.is_coupled and lost:
-        lost = set(range(n))
+    impossible = out_of_reach(program)
+    for k in sorted(set(doubtful) - set(impossible)):
+        found = contradiction(program, np.array([k]))
+        if found is not None:
+            impossible[k] = found
+    lost = set(range(n)) if program.is_coupled and impossible else set(impossible)
     run = _Run(
         program=program,
         options=options,
@@ -92,9 +93,12 @@ def solve_rows(
         ),
         status=[Status.INFEASIBLE if k in lost else None for k in range(n)],
         scale=FrameScale.of_weights(program, frame_weights(program, start)),
-        proven=set(lost),
+        impossible=impossible,
+        unit=np.ones(n),
     )
     effort.build_seconds += time.perf_counter() - started
+    if options.presolve:
+        run.confirm(options.frames_per_program if together else 1)
     if run.waiting.size:
         run.together() if together else run.one_by_one()
         if not program.is_coupled:
@@ -105,7 +109,8 @@ def solve_rows(
         unknowns=run.unknowns,
         multipliers=run.multipliers,
         status=tuple(s if s is not None else Status.NUMERICAL_ERROR for s in run.status),
-        shortfalls=tuple(shortfalls),
+        impossible=tuple(run.impossible.values()),
+        unit=run.unit,
     )
 
 
@@ -113,7 +118,7 @@ def solve_rows(
 class _Run:
     """A solve under way: scaled unknowns, row multipliers and a status per frame (None: waiting).
 
-    `proven` are the frames that are known to be infeasible.
+    Multipliers are those of the objective of unknowns over `unit`.
     """
 
     program: FrameProgram
@@ -124,7 +129,8 @@ class _Run:
     multipliers: tuple[FloatArray, FloatArray]
     status: list[Status | None]
     scale: FrameScale
-    proven: set[int]
+    impossible: dict[int, Impossible]
+    unit: FloatArray
     bounds: tuple[FloatArray, FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -134,6 +140,32 @@ class _Run:
     def waiting(self) -> IntArray:
         """Frames without a status."""
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
+
+    def confirm(self, frames_per_program: int) -> None:
+        """Find the optima of convex frames one by one, and let the solver confirm them."""
+        started = time.perf_counter()
+        exact = presolve(self.program, self.start, self.waiting)
+        for k in np.flatnonzero(exact.is_doubtful):
+            if self._is_impossible(int(k)):
+                self.status[k] = Status.INFEASIBLE
+        self.effort.solve_seconds += time.perf_counter() - started
+        frames = np.flatnonzero(exact.is_optimal)
+        if not frames.size:
+            return
+        start, scale = self.start, self.scale
+        self.start = exact.unknowns
+        self.scale = FrameScale.of_weights(self.program, 1 / _objective_size(self.program, self.start, ()))
+        built: dict[int, tuple[Nlp, ca.Function]] = {}
+        blocks = list(np.array_split(frames, -(-frames.size // frames_per_program)))
+        while blocks:
+            block = blocks.pop(0)
+            if block.size not in built:
+                built[block.size] = self._build(block.size, is_confirming=True)
+            if not self._call(*built[block.size], block, exact).status.is_solved and block.size > 1:
+                blocks += np.array_split(block, block.size)
+        self.start, self.scale = start, scale
+        for k in frames[self._worst()[frames] > OPTIMALITY_TOLERANCE]:
+            self.status[k] = None
 
     def together(self) -> None:
         """Solve the waiting frames as few programs; where they fail, find out which and go on without."""
@@ -152,9 +184,8 @@ class _Run:
                 self._set(block, answer.status)
                 return
             _LOG.info("%d frames were not solved together (%s)", block.size, answer.status.name)
-            lost += [int(k) for k in block if infeasible_rows(self.program, int(k))]
+            lost += [int(k) for k in block if self._is_impossible(int(k))]
         self._set(lost, Status.INFEASIBLE)
-        self.proven |= set(lost)
         if lost and self.waiting.size:
             _LOG.info("%d frames are infeasible; solving the other %d", len(lost), self.waiting.size)
             self.together()
@@ -169,47 +200,78 @@ class _Run:
             self.status[k] = self._call(nlp, solver, np.array([k])).status
 
     def again(self) -> None:
-        """Solve frames that are not at their optimum again, alone and on their own scale, while it helps.
-
-        They start where they are, or else, and if they failed, from the terms' own guesses.
-        """
+        """Solve frames that are not at their optimum again, alone and on their own scale, while it helps."""
         worst = self._worst()
-        if (worst <= OPTIMALITY_TOLERANCE).all():
-            return
         self._rest(worst)
-        waiting = np.isfinite(worst) & (worst > OPTIMALITY_TOLERANCE)
-        afresh = np.isinf(worst)
-        for k in np.flatnonzero(afresh):
-            afresh[k] = int(k) not in self.proven and not infeasible_rows(self.program, int(k))
-        fresh = starting_point(self.program, None)
-        for k in np.flatnonzero(waiting | afresh):
-            point = least_effort(self.program, int(k))
-            fresh[k] = fresh[k] if point is None else point
-        may_start_afresh = waiting.copy()
-        compiled = None
-        while (waiting | afresh).any():
-            compiled = compiled or self._build(1, is_scaled=True)
-            loose = np.flatnonzero(waiting | afresh)
-            self.start = np.where(afresh[:, None], fresh, self.unknowns)
-            self.scale = own_scale(self.program, self.start)
-            kept = self.unknowns.copy(), self.multipliers[0].copy(), list(self.status)
-            for k in loose:
-                self.status[k] = self._call(*compiled, np.array([k])).status
-            found = self._worst()
-            better = found < _NEARER * worst
-            for k in loose[~better[loose]]:
-                self.unknowns[k], self.multipliers[0][k], self.status[k] = kept[0][k], kept[1][k], kept[2][k]
-            worst = np.where(better, found, worst)
-            open_ = (waiting | afresh) & (worst > OPTIMALITY_TOLERANCE)
-            waiting = open_ & better
-            afresh = open_ & ~better & may_start_afresh
-            may_start_afresh &= ~afresh
+        failed = np.isinf(worst)
+        open_ = worst > OPTIMALITY_TOLERANCE
+        for k in np.flatnonzero(failed):
+            open_[k] = not self._is_impossible(int(k))
+        if not open_.any():
+            return
+        compiled = self._build(1, is_scaled=True)
+        for start, bounds in self._beginnings(np.flatnonzero(open_), failed):
+            going = open_ & np.isfinite(start).all(axis=1)
+            self.start, self.bounds = np.where(going[:, None], start, 0.0), bounds
+            while going.any():
+                better = self._nearer(compiled, np.flatnonzero(going), worst)
+                open_ &= worst > OPTIMALITY_TOLERANCE
+                going &= open_ & better
+                self.start = self.unknowns
+        self.bounds = self.program.bounds()
+
+    def _beginnings(
+        self, frames: IntArray, failed: BoolArray
+    ) -> Iterator[tuple[FloatArray, tuple[FloatArray, FloatArray]]]:
+        """Where frames begin again, NaN in those that do not, and the bounds of their unknowns.
+
+        Where they are, unless they failed; at the least effort that keeps their rows; and, with prices that
+        hide the effort, with all levels kept: that is the optimum too if none is worth its price.
+        """
+        yield np.where(failed[:, None], np.nan, self.unknowns), self.bounds
+        guess = starting_point(self.program, None)
+        lower, upper = self.program.bounds()
+        kept = np.where(self.program.is_miss, lower, upper)
+        for most in (upper, kept) if self.program.is_miss.any() else (upper,):
+            start = np.full_like(guess, np.nan)
+            for k in frames:
+                point = least_effort(self.program, int(k), (lower[k], most[k]))
+                if point is not None:
+                    start[k] = point
+                elif most is upper:
+                    start[k] = guess[k]
+            yield start, (lower, most)
+
+    def _nearer(self, compiled: tuple[Nlp, ca.Function], frames: IntArray, worst: FloatArray) -> BoolArray:
+        """Solve frames once more; keep what is nearer to the optimum, and tell which are, in all frames."""
+        self.scale = own_scale(self.program, self.start)
+        state = (self.unknowns, self.multipliers[0], self.unit)
+        before, status = [values.copy() for values in state], list(self.status)
+        for k in frames:
+            self.status[k] = self._call(*compiled, np.array([k])).status
+        found = self._worst()
+        better = found < _NEARER * worst
+        for k in frames[~better[frames]]:
+            self.status[k] = status[k]
+            for values, earlier in zip(state, before, strict=True):
+                values[k] = earlier[k]
+        worst[better] = found[better]
+        return better
+
+    def _is_impossible(self, frame: int) -> bool:
+        """Tell whether rows of a frame contradict each other, and keep the proof."""
+        if frame not in self.impossible:
+            found = contradiction(self.program, np.array([frame]))
+            if found is None:
+                return False
+            self.impossible[frame] = found
+        return True
 
     def _worst(self) -> FloatArray:
         """How far each frame is from its optimum, shape (n_frames,); infinite where it is not solved."""
         solved = np.array([s is not None and s.is_solved for s in self.status])
         unknowns = np.where(solved[:, None], self.unknowns, self.start)
-        found = optimality_of(self.program, unknowns, self.multipliers, solved).worst
+        found = optimality_of(self.program, unknowns, self.multipliers, solved, self.unit).worst
         return np.where(solved, np.nan_to_num(found, nan=np.inf), np.inf)
 
     def _rest(self, worst: FloatArray) -> None:
@@ -221,15 +283,23 @@ class _Run:
             self.unknowns[k], self.multipliers[0][k] = rest[k], 0.0
             self.status[k], worst[k] = Status.SOLVED, found[k]
 
-    def _build(self, n_frames: int, *, is_scaled: bool = False) -> tuple[Nlp, ca.Function]:
+    def _build(
+        self, n_frames: int, *, is_scaled: bool = False, is_confirming: bool = False
+    ) -> tuple[Nlp, ca.Function]:
         started = time.perf_counter()
         nlp = build_nlp(self.program, n_frames, is_scaled=is_scaled)
-        solver = compile_ipopt(nlp, self.options)
+        solver = compile_ipopt(nlp, self.options, is_confirming=is_confirming)
         self.effort.build_seconds += time.perf_counter() - started
         return nlp, solver
 
-    def _call(self, nlp: Nlp, solver: ca.Function, frames: IntArray) -> IpoptAnswer:
+    def _call(
+        self, nlp: Nlp, solver: ca.Function, frames: IntArray, exact: Start | None = None
+    ) -> IpoptAnswer:
         started = time.perf_counter()
+        multipliers = None
+        if exact is not None:
+            bounds = -exact.reduced_cost[frames] * self.scale.weight[frames, None]
+            multipliers = bounds.ravel(), nlp.row_multipliers(exact.multipliers, frames, self.scale)
         size = self.scale.unknowns[frames, None]
         lower, upper = (bound[frames] / size for bound in self.bounds)
         answer = call_ipopt(
@@ -238,10 +308,13 @@ class _Run:
             p=nlp.parameters(frames, self.scale),
             bounds=(lower.ravel(), upper.ravel()),
             row_bounds=nlp.row_bounds(frames, self.scale),
+            multipliers=multipliers,
         )
         self.unknowns[frames] = np.clip(
             answer.x.reshape(frames.size, -1) * size, *(b[frames] for b in self.bounds)
         )
+        if nlp.is_scaled and self.program.degree is not None:
+            self.unit[frames] = size[:, 0]
         one, pair = nlp.multipliers(answer.lam_g, frames, self.scale)
         self.multipliers[0][frames] = one
         if frames.size > 1 and pair.size:
@@ -294,12 +367,13 @@ def own_scale(program: FrameProgram, unknowns: FloatArray) -> FrameScale:
     size = np.ones(len(unknowns))
     if not program.split.nonlinear:
         size = np.clip(np.abs(unknowns).max(axis=1, initial=0.0), _LEAST_SCALE, 1.0)
+    own = unknowns if program.degree is None else unknowns / size[:, None]
     rows = np.zeros((len(unknowns), len(program.rows)))
     entries = np.abs(affine.values) * size[:, None]
     for entry, row in enumerate(affine.row):
         rows[:, row] = np.maximum(rows[:, row], entries[:, entry])
     return FrameScale(
-        weight=1.0 / _objective_size(program, unknowns, ()),
+        weight=1.0 / _objective_size(program, own, ()),
         unknowns=size,
         rows=np.where(rows > 0, rows, 1.0),
     )

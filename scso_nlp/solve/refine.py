@@ -14,11 +14,13 @@ import numpy as np
 from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
 from scso_nlp.solve.local_model import LocalModel, Quadratic
 from scso_nlp.solve.threads import one_thread
-from scso_nlp.transcription.turns import MatrixModel
+from scso_nlp.transcription.turns import MatrixModel, entry_sizes, matrix_sizes
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: An eigenvalue below zero by less than this share of its scale counts as kept [-].
 EIGENVALUE_TOLERANCE = 1e-6
+#: Least and largest share that this may be of what the entries of the matrix add up to [-].
+_SHARES_OF_ENTRIES = (1e-12, 1e-8)
 
 #: Frames whose deciding turns are sought together; bounds the memory.
 FRAMES_PER_BATCH = 64
@@ -94,7 +96,8 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         value = matrix.value(unknowns, model.program.arrays)
         with one_thread():
             values, vectors = np.linalg.eigh(np.where(usable[:, None, None], value, 0.0))
-        negative = values < -EIGENVALUE_TOLERANCE * matrix.block.scale
+        kept = _tolerance(matrix, matrix_sizes(model.program, matrix, unknowns))
+        negative = values < -kept[:, None]
         if not negative.any():
             continue
         is_kept = False
@@ -105,6 +108,12 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         deciding, _, _ = _deciding_turns(model, matrix, unknowns, frames, model.coupling(unknowns))
         turns[i] = np.concatenate([turns[i], unstable, deciding], axis=1)
     return None if is_kept else Turns(turns=tuple(turns), doubtful=old.doubtful)
+
+
+def _tolerance(matrix: MatrixModel, sizes: FloatArray) -> FloatArray:
+    """By how much an eigenvalue may be below zero in each frame, shape (n_frames,)."""
+    least, most = _SHARES_OF_ENTRIES
+    return np.clip(EIGENVALUE_TOLERANCE * matrix.block.scale, least * sizes, most * sizes)
 
 
 def _deciding_turns(
@@ -151,7 +160,8 @@ def _deciding_turns(
                 best = highest_eigenvalues(raised)
             least = np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0]
             short = np.zeros(lost.size, dtype=bool)
-            short[best.is_solved] = least < -EIGENVALUE_TOLERANCE * matrix.block.scale
+            sizes = entry_sizes(raised.constant, raised.matrices, np.nan_to_num(best.x))[best.is_solved]
+            short[best.is_solved] = least < -_tolerance(matrix, sizes)
             beyond = part[lost[short]]
             multiplier[beyond], found[beyond] = best.multiplier[short], True
             doubtful.append(beyond)

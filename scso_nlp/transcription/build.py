@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -9,8 +10,9 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.transcription.derivatives import Entries, Mapped, derivative_functions
 from scso_nlp.transcription.describe import FrameProgram, describe
-from scso_nlp.transcription.layout import as_columns
+from scso_nlp.transcription.layout import column_major
 from scso_nlp.transcription.piece import Key, Piece, curved
 from scso_nlp.transcription.rows import AffineRows, NonlinearRows, RowTable
 from scso_nlp.transcription.turns import matrix_models, with_turns
@@ -26,7 +28,8 @@ class FrameScale:
     weight : ndarray, shape (n_frames,)
         Multiplies the objective.
     unknowns : ndarray, shape (n_frames,)
-        Unknowns are those of the solver times this; 1 in a program of several frames.
+        Unknowns are those of the solver times this; 1 in a program of several frames. An objective that has
+        a degree is that of the solver's unknowns, before its weight: its powers do not vanish.
     rows : ndarray, shape (n_frames, n_rows)
         Rows are those of the solver times this; 1 for rows that are not affine.
     """
@@ -75,6 +78,8 @@ class Nlp:
         Mapped expressions with their row numbers within a frame or pair.
     f, g, x, p : ca.MX
         Objective, rows, unknowns and parameters.
+    derivatives : mapping of str to ca.Function
+        ``grad_f``, ``jac_g`` and ``hess_lag`` as CasADi's options call them.
     data_keys : tuple of (offset, key, is_pair)
         Where the data parameters come from, in their order.
     objective_is_quadratic : bool
@@ -90,6 +95,7 @@ class Nlp:
     g: ca.MX
     x: ca.MX
     p: ca.MX
+    derivatives: Mapping[str, ca.Function]
     data_keys: tuple[tuple[int, Key, bool], ...]
     objective_is_quadratic: bool
     is_scaled: bool
@@ -118,7 +124,7 @@ class Nlp:
             parts.append(scale.unknowns[frames])
         for offset, key, pair in self.data_keys:
             which = frames[offset : offset + self.n_frames - pair]
-            parts.append(as_columns(self.program.arrays[key][which]).T.ravel())
+            parts.append(column_major(self.program.arrays[key][which]).ravel())
         return np.concatenate(parts)
 
     def row_bounds(self, frames: IntArray, scale: FrameScale) -> tuple[FloatArray, FloatArray]:
@@ -156,6 +162,11 @@ class Nlp:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             return one / (weight[:, None] * scale.rows[frames]), pair / weight[0]
 
+    def row_multipliers(self, one: FloatArray, frames: IntArray, scale: FrameScale) -> FloatArray:
+        """Multipliers of g for the solver, of a program without pairs: the inverse of `multipliers`."""
+        scaled = one[frames] * scale.weight[frames, None] * scale.rows[frames]
+        return np.concatenate([np.zeros(0), *(scaled[:n, rows].ravel() for _, rows, n in self.groups)])
+
 
 def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) -> Nlp:
     """Assemble the program over `n_frames` frames; numbers are parameters, so it is built once.
@@ -174,61 +185,68 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     """
     size, split = program.layout.size, program.split
     x = ca.MX.sym("x", size * n_frames)
-    by_frame = ca.reshape(x, size, n_frames)
+    own = by_frame = ca.reshape(x, size, n_frames)
     coupled = n_frames > 1
     affine = (split.affine, split.affine_pairs) if coupled else (split.affine,)
     nonlinear = tuple((piece, rows) for piece, rows in split.nonlinear if coupled or not piece.is_pair)
     parameters: list[ca.MX] = []
+    straight: list[Entries] = []
     rows: list[ca.MX] = []
+    n_rows = 0
     for part in affine:
         n = n_frames - part.is_pair
         entries = ca.MX.sym("entries", part.row.size * n)
         parameters.append(entries)
-        pattern = part.matrix(np.arange(1.0, part.row.size * n + 1).reshape(n, -1), size)
-        order = (pattern.data - 1).astype(int).tolist()
-        sparsity = ca.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
-        rows.append(
-            ca.densify(ca.mtimes(ca.MX(sparsity, entries[order]), x))
-            if order
-            else ca.MX.zeros(part.rows.size * n, 1)
-        )
-    weights = ca.MX.sym("frame_weights", n_frames)
-    parameters.append(weights)
+        row, column = part.places(n, size)
+        matrix = Entries(row=row, column=column, values=entries).matrix(part.rows.size * n, x.numel())
+        rows.append(ca.densify(ca.mtimes(matrix, x)))
+        straight.append(Entries(row=n_rows + row, column=column, values=entries))
+        n_rows += part.rows.size * n
+    weights = ca.MX.sym("frame_weights", 1, n_frames)
+    parameters.append(weights.T)
+    sizes = None
     if is_scaled:
-        sizes = ca.MX.sym("unknown_scales", n_frames)
-        parameters.append(sizes)
-        by_frame = by_frame * ca.repmat(sizes.T, size, 1)
+        sizes = ca.MX.sym("unknown_scales", 1, n_frames)
+        parameters.append(sizes.T)
+        by_frame = by_frame * ca.repmat(sizes, size, 1)
     data_keys: list[tuple[int, Key, bool]] = []
 
-    def mapped(piece: Piece) -> ca.MX:
+    def mapped(piece: Piece, unknowns: ca.MX, scale: ca.MX | None) -> Mapped:
         n = n_frames - piece.is_pair
-        columns = [by_frame[:, i : i + n] for i in range(len(piece.unknowns))]
+        columns = [unknowns[:, i : i + n] for i in range(len(piece.unknowns))]
         for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
             entry = ca.MX.sym(key[1], symbol.numel() * n)
             parameters.append(entry)
             data_keys.append((offset, key, piece.is_pair))
             columns.append(ca.reshape(entry, symbol.size1(), symbol.size2() * n))
-        return piece.function().map(n)(*columns)
+        return Mapped(piece=piece, inputs=tuple(columns), scale=scale)
 
-    objective = ca.MX(0)
-    quadratic = True
-    for _, piece in program.objectives:
-        if piece.is_pair and n_frames == 1:
-            continue
-        values = ca.vec(mapped(piece))
-        objective += weights[0] * ca.sum1(values) if piece.is_pair else ca.dot(weights, values)
-        gradient = ca.gradient(piece.expression, piece.all_unknowns)
-        quadratic &= not any(curved(gradient, piece.all_unknowns))
-    rows += [ca.vec(mapped(piece)) for piece, _ in nonlinear]
+    seen = (by_frame, sizes) if program.degree is None else (own, None)
+    costs = [
+        (mapped(piece, *seen), weights[0] * ca.MX.ones(1, n_frames - 1) if piece.is_pair else weights)
+        for _, piece in program.objectives
+        if coupled or not piece.is_pair
+    ]
+    curves = [mapped(piece, by_frame, sizes) for piece, _ in nonlinear]
+    f = sum((ca.dot(weight, cost.values) for cost, weight in costs), ca.MX(0))
+    g = ca.vertcat(*rows, *(ca.vec(curve.values) for curve in curves))
+    p = ca.vertcat(*parameters)
+    quadratic = not any(
+        any(curved(ca.gradient(cost.piece.expression, cost.piece.all_unknowns), cost.piece.all_unknowns))
+        for cost, _ in costs
+    )
     return Nlp(
         program=program,
         n_frames=n_frames,
         affine=affine,
         nonlinear=nonlinear,
-        f=objective,
-        g=ca.vertcat(*rows),
+        f=f,
+        g=g,
         x=x,
-        p=ca.vertcat(*parameters),
+        p=p,
+        derivatives=derivative_functions(
+            x, p, f=f, g=g, size=size, costs=costs, affine=straight, nonlinear=curves
+        ),
         data_keys=tuple(data_keys),
         objective_is_quadratic=quadratic,
         is_scaled=is_scaled,

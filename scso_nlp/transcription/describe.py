@@ -11,7 +11,7 @@ import numpy as np
 from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import MatrixRows, Rows, VariableSpec
-from scso_nlp.objectives.objective import FramePairObjective
+from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.layout import (
     ABOUT_SYMBOLS,
@@ -31,7 +31,7 @@ from scso_nlp.transcription.rows import (
     row_block,
     split_table,
 )
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import BoolArray, FloatArray
 
 _DT: Key = ("problem", "dt")
 
@@ -97,6 +97,27 @@ class FrameProgram:
             values = evaluate(piece, piece.function(piece.expression, slope), unknowns, self.arrays)
             wrong = np.isnan(np.concatenate(values, axis=1)).any(axis=1)
             found = {int(k): name for k in np.flatnonzero(wrong)} | found
+        return found
+
+    @property
+    def degree(self) -> float | None:
+        """Say d if unknowns s times as large cost s^d times as much, prices of misses included; else None."""
+        terms = self.problem.objectives
+        found = {term.degree if isinstance(term, FrameObjective) else None for term in terms}
+        if len(self.objectives) > len(terms):  # the others are prices, by which misses are multiplied
+            found.add(1.0)
+        return found.pop() if len(found) == 1 else None
+
+    @property
+    def is_miss(self) -> BoolArray:
+        """Tell which unknowns are what rows or matrices may be missed by, shape (n_unknowns,)."""
+        found = np.zeros(self.layout.size, dtype=bool)
+        for block in self.rows.blocks:
+            if block.missed is not None:
+                found[block.missed : block.missed + len(block.names)] = True
+        for matrix in self.matrices:
+            if matrix.missed is not None:
+                found[matrix.missed] = True
         return found
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:

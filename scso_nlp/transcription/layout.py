@@ -270,11 +270,9 @@ def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArra
     return arrays
 
 
-def as_columns(array: FloatArray) -> FloatArray:
-    """Turn (n_frames, …) into one column per frame, in the column-major order of the symbols."""
-    if array.ndim == 3:
-        array = array.transpose(0, 2, 1)
-    return np.ascontiguousarray(array.reshape(len(array), -1).T)
+def column_major(array: FloatArray) -> FloatArray:
+    """Put the entries of each frame into the order of the symbols; frames stay first."""
+    return array.transpose(0, 2, 1) if array.ndim == 3 else array
 
 
 def _shape(array: FloatArray) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from scso_nlp.transcription.layout import as_columns
+from scso_nlp.transcription.layout import column_major
 from scso_nlp.validation import FloatArray, IntArray
 
 #: Who owns given numbers, and what they are called.
@@ -60,6 +60,7 @@ class Derivatives:
 
     piece: Piece
     values: ca.SX
+    entries: ca.SX
     function: ca.Function
     row: IntArray
     column: IntArray
@@ -85,7 +86,7 @@ def _derivatives(piece: Piece, value: ca.SX, matrix: ca.SX) -> Derivatives:
     row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
     entries = ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
     function = piece.function(ca.densify(value), entries)
-    return Derivatives(piece=piece, values=value, function=function, row=row, column=column)
+    return Derivatives(piece=piece, values=value, entries=entries, function=function, row=row, column=column)
 
 
 def curved(expression: ca.SX, unknowns: ca.SX) -> list[bool]:
@@ -106,15 +107,17 @@ def evaluate(
     list of ndarray, shape (n_frames or n_frames - 1, n_output_nonzeros)
     """
     n = len(unknowns) - piece.is_pair
-    if n == 0:
-        return [np.zeros((0, function.nnz_out(i))) for i in range(function.n_out())]
-    parts: list[list[FloatArray]] = []
+    inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
+    inputs += [column_major(arrays[key][offset : offset + n]) for offset, key in piece.data]
+    outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
     for start in range(0, n, _FRAMES_AT_ONCE):
-        size = min(_FRAMES_AT_ONCE, n - start)
-        columns = [ca.DM(unknowns[start + i : start + i + size].T) for i in range(len(piece.unknowns))]
-        for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
-            numbers = ca.DM(as_columns(arrays[key][start + offset : start + offset + size]))
-            columns.append(ca.reshape(numbers, symbol.size1(), symbol.size2() * size))
-        outputs = function.map(size)(*columns)
-        parts.append([out.full().T for out in (outputs if isinstance(outputs, tuple) else (outputs,))])
-    return [np.concatenate(outputs) for outputs in zip(*parts, strict=True)]
+        part = slice(start, min(start + _FRAMES_AT_ONCE, n))
+        # arrays are read and written where they are: a DM of moment arms takes ten times as long to make
+        buffer, call = function.map(part.stop - start).buffer()
+        given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
+        for i, array in enumerate(given):
+            buffer.set_arg(i, array.data)
+        for i, array in enumerate(outputs):
+            buffer.set_res(i, array[part].data)
+        call()
+    return outputs

@@ -261,12 +261,15 @@ class AffineRows:
 
     def matrix(self, values: FloatArray, size: int) -> sp.csc_matrix:
         """Assemble the rows of all frames: (n × rows per frame) by (n_frames × size), constant and sparse."""
-        n, per_frame = len(values), self.rows.size
+        n = len(values)
+        shape = (n * self.rows.size, (n + self.is_pair) * size)
+        return sp.csc_matrix((values.ravel(), self.places(n, size)), shape=shape)
+
+    def places(self, n: int, size: int) -> tuple[IntArray, IntArray]:
+        """Row and column of every entry of the rows of n frames or pairs, frame after frame."""
         frame = np.arange(n)[:, None]
-        row = (frame * per_frame + self.place[self.row]).ravel()
-        column = (frame * size + self.column).ravel()
-        n_columns = (n + self.is_pair) * size
-        return sp.csc_matrix((values.ravel(), (row, column)), shape=(n * per_frame, n_columns))
+        row = frame * self.rows.size + self.place[self.row]
+        return row.ravel(), (frame * size + self.column).ravel()
 
 
 #: Nonlinear rows, divided by their scales, with their row numbers.

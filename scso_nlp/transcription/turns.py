@@ -48,6 +48,22 @@ class MatrixModel:
         return matrix
 
 
+def entry_sizes(constant: FloatArray, matrices: FloatArray, unknowns: FloatArray) -> FloatArray:
+    """Add up the largest entry of K + sum x_i G_i, signs aside, shape (n_frames,)."""
+    parts = np.abs(constant) + np.einsum("kxij,kx->kij", np.abs(matrices), np.abs(unknowns))
+    return np.asarray(parts.max(axis=(1, 2)))
+
+
+def matrix_sizes(program: FrameProgram, model: MatrixModel, unknowns: FloatArray) -> FloatArray:
+    """Add up the largest entry of a matrix inequality at unknowns, signs aside, shape (n_frames,)."""
+    sizes = []
+    for start in range(0, len(unknowns), _FRAMES_AT_ONCE):
+        here = unknowns[start : start + _FRAMES_AT_ONCE]
+        value, matrices = model.model(here, part_of(program, np.arange(start, start + len(here))))
+        sizes.append(entry_sizes(value - np.einsum("kxij,kx->kij", matrices, here), matrices, here))
+    return np.concatenate(sizes)
+
+
 def matrix_models(program: FrameProgram) -> tuple[MatrixModel, ...]:
     """Make the functions of all matrix inequalities of a program."""
     return tuple(

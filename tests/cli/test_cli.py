@@ -85,7 +85,11 @@ def test_an_example_runs_to_files_and_figures(tmp_path):
 def test_a_plain_setup_file_gives_results_and_exit_code_0(spine):
     done = scso("run", spine / "setup.xml", "--no-figures", cwd=spine.parent)
     assert (done.returncode, done.stderr) == (0, "")
-    folder = spine.parent / "scso_results" / "spine_load_height"
+    # beside the setup file and by its name, wherever the command is given
+    folder = spine / "scso_results" / "setup"
+    assert (
+        f"results in {folder}\n  the setup's results_directory {spine / 'results'} is not used" in done.stdout
+    )
     assert files(folder) == {
         "spine_load_height_StaticOptimization_activation.sto",
         "spine_load_height_StaticOptimization_force.sto",
@@ -222,25 +226,55 @@ def test_two_trials_of_one_name_and_a_failed_run_lose_nothing(spine):
     other = spine.parent / "other"
     shutil.copytree(spine, other)
     edit(other / "motion.mot", "5\t0\t0", "5\t0.1\t0")
-    first = spine.parent / "scso_results" / "spine_load_height"
-    second = first.with_name("spine_load_height_2")
-    assert scso("run", spine / "setup.xml", "--no-figures", cwd=spine.parent).returncode == 0
+    first = spine.parent / "results"
+    second = first.with_name("results_2")
+    assert (
+        scso("run", spine / "setup.xml", "--no-figures", "--output", "results", cwd=spine.parent).returncode
+        == 0
+    )
     before = {path: path.read_bytes() for path in first.iterdir()}
-    done = scso("run", other / "setup.xml", "--no-figures", cwd=spine.parent)
+    done = scso("run", other / "setup.xml", "--no-figures", "--output", "results", cwd=spine.parent)
     assert (done.returncode, f"results in {second}\n" in done.stdout) == (0, True), done.stderr
     assert done.stderr == (
         f"scso: {first} has results of other inputs, which stay; those of this run go to {second}\n"
     )
     options = ("--stability", "potvin-brown", "--level", "1000")
-    done = scso("run", spine / "setup.xml", "--no-figures", *options, cwd=spine.parent)
+    done = scso("run", spine / "setup.xml", "--no-figures", "--output", "results", *options, cwd=spine.parent)
     assert done.returncode == 1
     assert f"status and report, no results, in {first / 'failed'}\n" in done.stdout
     assert f"earlier results in {first} stay" in done.stderr
     assert {path: path.read_bytes() for path in first.iterdir() if path.is_file()} == before
-    done = scso("run", other / "setup.xml", "--no-figures", "--overwrite", cwd=spine.parent)
+    done = scso(
+        "run", other / "setup.xml", "--no-figures", "--output", "results", "--overwrite", cwd=spine.parent
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert {path.name for path in first.iterdir()} == {path.name for path in before}
     assert (first / "report.json").read_bytes() != before[first / "report.json"]
+
+
+def test_two_setup_files_in_one_folder_have_results_of_their_own(spine):
+    """Though their AnalyzeTool has the same name; also where the folder may not be shared."""
+    late = spine / "late.xml"
+    late.write_text((spine / "setup.xml").read_text().replace("<initial_time>0<", "<initial_time>1<"))
+    for setup in ("setup", "late"):
+        done = scso("run", spine / f"{setup}.xml", "--no-figures", cwd=spine.parent)
+        assert (done.returncode, done.stderr) == (0, "")
+    reports = [
+        json.loads((spine / "scso_results" / s / "report.json").read_text()) for s in ("setup", "late")
+    ]
+    assert reports[0]["name"] == reports[1]["name"]
+    assert {path.name for path in (spine / "scso_results").iterdir()} == {"setup", "late"}
+
+
+def test_where_results_cannot_go_is_said_before_the_motion_is_read(spine):
+    (spine / "taken").write_text("a file")
+    for output, taken in (("taken", "taken"), ("taken/below", "taken")):
+        done = scso("run", spine / "setup.xml", "--output", output, cwd=spine)
+        assert done.returncode == 2
+        assert done.stderr == f"error: {spine / taken} is a file, expected a folder for the results\n"
+    done = scso("run", spine / "setup.xml", "--output", "a" * 300, cwd=spine)
+    assert done.returncode == 2
+    assert done.stderr == f"error: results cannot be written to {spine / ('a' * 300)}: File name too long\n"
 
 
 @pytest.mark.parametrize(

@@ -438,25 +438,23 @@ def test_opensims_library_in_casadis_way_is_said(first):
 # Files that are written ---------------------------------------------------------------------------
 
 
+def comparison_of(*rows: ComparisonRow) -> Comparison:
+    """Make a comparison of which the table alone is looked at."""
+    comparison = Comparison.__new__(Comparison)
+    object.__setattr__(comparison, "rows", rows)
+    return comparison
+
+
 @pytest.mark.parametrize("label", ["=1+1", "+a", "-a", "@a", "\t=1"])
 def test_no_cell_of_a_table_begins_a_formula(tmp_path, label):
     row = ComparisonRow(
         result=label, group="g", metric="m", value=-1.5, low=np.nan, high=2.0, unit="-", note=""
     )
-    table = dataclasses.replace(_empty_comparison(), rows=(row,))
-    write_comparison_csv(table, tmp_path / "c.csv")
+    write_comparison_csv(comparison_of(row), tmp_path / "c.csv")
     with open(tmp_path / "c.csv", newline="") as file:
         cells = list(csv.reader(file))[1]
     assert cells[0] == f"'{label}"
     assert cells[3:6] == ["-1.5", "", "2.0"]
-
-
-def _empty_comparison():
-    fields = {field.name: () for field in dataclasses.fields(Comparison)}
-    table = Comparison.__new__(Comparison)
-    for name, value in fields.items():
-        object.__setattr__(table, name, value)
-    return table
 
 
 def test_any_flipped_bit_of_a_bundle_is_found_or_changes_nothing(tmp_path):

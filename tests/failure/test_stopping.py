@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import errno
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -18,6 +20,8 @@ from helpers import elbow
 import scso_nlp as scso
 import scso_nlp.solve.programs as programs
 from scso_nlp.examples import example_folder
+from scso_nlp.exceptions import EngineError
+from scso_nlp.opensim import crew
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
@@ -41,7 +45,7 @@ class Slow:
         print("now", flush=True)
         return self.solver(x0=3 * np.random.default_rng(0).normal(size=20000))
 
-programs.compile_ipopt = lambda nlp, options: Slow(nlp)
+programs.compile_ipopt = lambda nlp, options, **_: Slow(nlp)
 """
 
 #: Lets the worker take a second for every frame, and says when it begins.
@@ -218,8 +222,8 @@ def test_handlers_of_ones_own_work_during_a_solve_and_stand_afterwards(monkeypat
 
     compiled = programs.compile_ipopt
 
-    def with_signal(nlp, options):
-        solver = compiled(nlp, options)
+    def with_signal(nlp, options, **more):
+        solver = compiled(nlp, options, **more)
 
         class Signalled:
             stats = staticmethod(solver.stats)
@@ -246,3 +250,15 @@ def test_handlers_of_ones_own_work_during_a_solve_and_stand_afterwards(monkeypat
 def test_a_solve_in_another_thread_is_as_good():
     with concurrent.futures.ThreadPoolExecutor(1) as pool:
         assert pool.submit(scso.solve_trajectory, elbow([5.0])).result().is_solved.all()
+
+
+@pytest.mark.opensim
+def test_no_room_for_temporary_files_is_one_sentence(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(crew, "write_job", full)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(EngineError, match=r"cannot be given their work: No space left on device \(.* TMPDIR"):
+        scso.load_motion(example_folder("spine-load-height") / "setup.xml")
+    assert list(tmp_path.iterdir()) == []

@@ -84,7 +84,7 @@ def examples(tmp_path_factory):
         stable, solution, solution.report, solution.optimality, solution.stability, solution.moment_balance,
         solution.kept["MomentEquilibrium"], next(iter(whole.matrices.values())), failed.shortfalls[0],
         scso.row_contributions(solution), scso.reachable_stability(two_antagonists(5.0))[0],
-        scso.build_program(stable), scso.SolverOptions(), scso.LumbarJoint(levels=1, rows={"a": "axial"}),
+        scso.build_program(stable), failed.infeasibility[0], scso.SolverOptions(), scso.LumbarJoint(levels=1, rows={"a": "axial"}),
         scso.ActivationEffort(), scso.FunctionObjective(function=lambda f: f.activation[0]), state,
         scso.MomentEquilibrium(), scso.JointStability(), scso.CoordinateStability(), scso.HessianStability(),
         scso.ActivationRate(), scso.ActivationDynamics(), scso.NoPhysiology(), scso.RigidTendon(),

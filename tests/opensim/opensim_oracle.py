@@ -8,10 +8,34 @@ import opensim
 
 
 def run_static_optimization(question):
-    """Run AnalyzeTool on a setup file, results into a folder."""
+    """Run AnalyzeTool on a setup file, results into a folder, if asked with another criterion."""
     tool = opensim.AnalyzeTool(question["setup"])
     tool.setResultsDir(question["results"])
+    if "criterion" in question:
+        analysis = opensim.StaticOptimization.safeDownCast(tool.getModel().getAnalysisSet().get(0))
+        analysis.setConvergenceCriterion(question["criterion"])
     tool.run()
+
+
+def assembled(question):
+    """Run AnalyzeTool on a setup file and return the coordinates in the poses that its analyses see."""
+    tool = opensim.AnalyzeTool(question["setup"])
+    model = tool.getModel()
+    for i in range(model.getAnalysisSet().getSize()):
+        model.getAnalysisSet().get(i).setOn(False)
+    kinematics = opensim.Kinematics(model)
+    kinematics.setInDegrees(False)
+    model.addAnalysis(kinematics)
+    tool.setPrintResultFiles(False)
+    tool.run()
+    storage = kinematics.getPositionStorage()
+    labels = storage.getColumnLabels()
+    values = []
+    for name in question["coordinates"]:
+        column = opensim.ArrayDouble()
+        storage.getDataColumn(labels.findIndex(name) - 1, column)
+        values.append(column.getAsVector().to_numpy())
+    np.savez(question["output"], values=np.stack(values, axis=1))
 
 
 def poses(question):
@@ -87,6 +111,7 @@ def main():
     opensim.Logger.setLevelString("Error")
     {
         "static optimization": run_static_optimization,
+        "assembled": assembled,
         "moment arms": moment_arms,
         "lengths": lengths,
         "weights": weights,

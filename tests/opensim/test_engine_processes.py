@@ -8,9 +8,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
+import zipfile
+from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +22,12 @@ import pytest
 from tiny_model import Tiny, setup_text, write_motion
 
 from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMismatchError, ScsoError
-from scso_nlp.io.bundle import read_provenance
+from scso_nlp.files import lock, sha256
+from scso_nlp.io.bundle import load_bundle, read_provenance
 from scso_nlp.opensim import crew, engine
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.opensim.setup_xml import read_analyze_setup
+from scso_nlp.opensim.worker.exchange import Result
 
 pytestmark = pytest.mark.opensim
 
@@ -99,6 +105,10 @@ def test_a_change_in_any_file_of_the_worker_makes_the_cache_old(
     load_motion(tiny.setup, cache=cache)
 
 
+def _heavier(path: Path) -> None:
+    path.write_text(path.read_text() + "\n")
+
+
 def _forbidden(*_: object, **__: object) -> None:
     raise AssertionError("started a process")
 
@@ -111,6 +121,92 @@ def test_a_damaged_cache_is_computed_again(tiny: Tiny, caplog: pytest.LogCapture
     again = load_motion(tiny.setup, cache=cache)
     assert_identical(first, again)
     assert any("computed again" in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize("spoil", [_heavier, Path.unlink], ids=["edited", "removed"])
+@pytest.mark.parametrize("file", ["tiny.osim", "hand.mot", "reserves.xml", "touching.obj"])
+def test_a_file_that_changes_before_opensim_has_read_it_is_refused_and_nothing_is_cached(
+    tiny: Tiny, monkeypatch: pytest.MonkeyPatch, file: str, spoil: Callable[[Path], object]
+) -> None:
+    mesh = tiny.folder / "touching.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    ground = "<socket_frame>/ground</socket_frame>"
+    surface = f"<ContactMesh><filename>{mesh.name}</filename>{ground}</ContactMesh>"
+    _replace(
+        tiny.model,
+        "<ForceSet",
+        f"<ContactGeometrySet><objects>{surface}</objects></ContactGeometrySet><ForceSet",
+    )
+    cache, start = tiny.folder / "cache", crew._start
+
+    def later(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
+        spoil(tiny.folder / file)
+        monkeypatch.setattr(crew, "_start", start)
+        return start(folder, part, parts)
+
+    monkeypatch.setattr(crew, "_start", later)
+    with pytest.raises(DataError) as refused:
+        load_motion(tiny.setup, cache=cache, processes=1)
+    name = tiny.folder / file
+    assert (
+        str(refused.value) == f"{name} was changed or removed while it was read; run again, nothing was kept"
+    )
+    assert list(cache.iterdir()) == []
+
+
+def test_a_file_that_changes_once_it_was_read_costs_nothing_and_has_the_hash_of_what_was_read(
+    tiny: Tiny, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = sha256(tiny.model), sha256(tiny.moving)
+    expected = load_motion(tiny.setup)
+    work = crew._Crew.work
+
+    def edit_afterwards(self: crew._Crew, progress: bool) -> list[Result]:
+        tiny.moving.unlink()
+        found = work(self, progress)
+        _heavier(tiny.model)
+        return found
+
+    monkeypatch.setattr(crew._Crew, "work", edit_afterwards)
+    setup = read_analyze_setup(tiny.setup)
+    found, inputs = engine.load_with_hashes(setup.motion, cache=tiny.folder / "cache")
+    assert_identical(found, expected)
+    assert (inputs[str(tiny.model)], inputs[str(tiny.moving)]) == read
+    (bundle,) = (tiny.folder / "cache").iterdir()
+    assert read_provenance(bundle).inputs == inputs
+
+
+def test_every_flipped_bit_of_a_cached_motion_is_harmless_or_noticed(tiny: Tiny, tmp_path: Path) -> None:
+    """One bit of each byte of all names and directories, and of a sample of the numbers."""
+    cache = tiny.folder / "cache"
+    first = load_motion(tiny.setup, cache=cache, initial_time=0.5, final_time=0.5)
+    (bundle,) = cache.iterdir()
+    content = bundle.read_bytes()
+    rng = np.random.default_rng(5)
+    with zipfile.ZipFile(bundle) as archive:
+        heads = [range(item.header_offset, item.header_offset + 200) for item in archive.infolist()]
+        directory = range(archive.start_dir, len(content))
+    for place in {*chain(*heads, directory), *rng.integers(len(content), size=300).tolist()}:
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        damaged = tmp_path / "damaged.npz"
+        damaged.write_bytes(flipped)
+        try:
+            found = load_bundle(damaged)
+        except DataError:
+            continue
+        assert_identical(found, first)
+
+
+def test_a_cache_that_is_full_costs_no_motion(
+    tiny: Tiny, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(path: Path, *_: object, **__: object) -> None:
+        raise DataError(f"{path} cannot be written: No space left on device")
+
+    monkeypatch.setattr(engine, "save_bundle", full)
+    assert load_motion(tiny.setup, cache=tiny.folder / "cache").n_frames == 71
+    assert "the motion is not cached: " in caplog.text
 
 
 def test_nothing_of_opensims_chatter_reaches_the_terminal(
@@ -255,6 +351,31 @@ def test_a_worker_that_gets_no_further_is_ended_with_a_sentence(
         load_motion(tiny.setup, processes=1)
     assert len(seen) == 1
     assert not set(_children()) - before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_folders_of_killed_programs_are_removed_and_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    names = {what: tmp_path / f"{crew.TEMPORARY}{what}" for what in ("killed", "running", "new")}
+    for folder in names.values():
+        folder.mkdir()
+    for what in ("killed", "running"):
+        (names[what] / "job.json").touch()
+    (tmp_path / "scso_of_mine").mkdir()
+    (tmp_path / "scso_of_mine" / "job.json").touch()
+    descriptor = lock(names["running"])
+    assert descriptor is not None
+    try:
+        with pytest.raises(BlockingIOError):
+            lock(names["running"])
+        with crew._own_folder() as own:
+            left = {path for path in tmp_path.iterdir() if path != own}
+            assert left == {names["running"], names["new"], tmp_path / "scso_of_mine"}
+    finally:
+        os.close(descriptor)
+    assert not own.exists()
 
 
 def _replace(path: Path, old: str, new: str) -> None:

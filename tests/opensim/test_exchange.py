@@ -27,13 +27,15 @@ def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
     for speeds in (None, _table(2)):
         settings = {"model": "a.osim", "final_time": None, "external_loads": "x.xml"}
         unusable = {"/joint/é1/value": "nan at t = 0 s"}
-        job = Job(settings=settings, motion=_table(3), unusable=unusable, speeds=speeds)
+        inputs = {"a.osim": "ab" * 32}
+        job = Job(settings=settings, motion=_table(3), unusable=unusable, speeds=speeds, inputs=inputs)
         write_job(tmp_path, job, "<ExternalLoads/>")
         found = read_job(tmp_path)
         loads = Path(found.settings["external_loads"])
         assert loads.read_text() == "<ExternalLoads/>"
         assert {**found.settings, "external_loads": "x.xml"} == job.settings
         assert found.unusable == job.unusable
+        assert found.inputs == job.inputs
         for one, other in ((job.motion, found.motion), (job.speeds, found.speeds)):
             if one is None or other is None:
                 assert one is other

@@ -8,9 +8,9 @@ import pytest
 from tiny_model import Tiny, ask_opensim
 
 from scso_nlp.constraints.joint_stability import JointStability
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io.storage import read_storage
-from scso_nlp.methods import stability_constrained_static_optimization
+from scso_nlp.methods import stability_constrained_static_optimization, static_optimization
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.report.results import write_solution
 from scso_nlp.solve import solve_framewise
@@ -73,6 +73,46 @@ def test_a_muscle_outside_the_force_set_may_share_its_name_with_one_inside(tiny:
     trajectory = load_motion(tiny.setup, step_interval=50).trajectory
     assert trajectory.muscles == ("wrapped", "flexor")
     assert trajectory.force_columns[:3] == ("flexor.flexor", "wrapped", "flexor")
+
+
+@pytest.mark.parametrize("chosen", ["flexor", "/flexor", "all"])
+def test_a_muscle_outside_the_force_set_is_optimized_where_it_is_named(chosen: str, tiny: Tiny) -> None:
+    axes = (("elbow", "z"),)
+    within = load_motion(tiny.setup, step_interval=20, stability_axes=axes)
+    _outside_the_force_set(tiny, "flexor")
+    motion = load_motion(tiny.setup, step_interval=20, stability_axes=axes, outside_force_set=chosen)
+    found, expected = motion.trajectory, within.trajectory
+    assert sorted(found.muscles) == sorted(expected.muscles)
+    order = [found.muscles.index(name) for name in expected.muscles]
+    assert found.skeleton is not None
+    assert expected.skeleton is not None
+    for name in ("moment_arms", "muscle_tendon_length", "active_force_capacity"):
+        np.testing.assert_allclose(
+            getattr(found, name)[..., order], getattr(expected, name), rtol=0, atol=1e-9, err_msg=name
+        )
+    for name in ("generalized_forces", "passive_generalized_forces", "other_forces"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-12)
+    ours, theirs = (one.skeleton.virtual_moment_arms for one in (found, expected))
+    np.testing.assert_allclose(ours[..., order], theirs, rtol=0, atol=1e-12)
+    ours, theirs = (solve_framewise(static_optimization(one)).activation for one in (motion, within))
+    np.testing.assert_allclose(ours[:, order], theirs, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "rename", "message"),
+    [
+        ("wrapped", "", r"unknown .* 'wrapped' in outside_force_set \(outside the ForceSet: /flexor\)"),
+        ("flexor", "flexor", r"^/flexor, named in outside_force_set, shares its name .* rename one of them$"),
+    ],
+)
+def test_names_outside_the_force_set_are_checked(chosen: str, rename: str, message: str, tiny: Tiny) -> None:
+    _outside_the_force_set(tiny, "flexor")
+    if rename:
+        text = tiny.model.read_text()
+        tiny.model.write_text(text.replace('Muscle name="through_slider"', f'Muscle name="{rename}"'))
+    with pytest.raises(NameMismatchError, match=message) as failure:
+        load_motion(tiny.setup, outside_force_set=chosen)
+    assert "\n" not in str(failure.value)
 
 
 def test_virtual_rotations_work_on_the_muscles_of_the_force_set(tiny: Tiny) -> None:

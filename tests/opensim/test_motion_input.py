@@ -339,3 +339,101 @@ def test_a_table_of_times_alone_is_refused(name: str, tiny: Tiny) -> None:
     write_motion(tiny.folder / name, TIME, {})
     with pytest.raises(DataError, match=rf"{name} has no columns but time"):
         load_motion(tiny.setup)
+
+
+# Millimetres --------------------------------------------------------------------------------------
+
+
+def in_millimetres(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: 1000 * v if name.startswith("slide") else v for name, v in columns.items()}
+
+
+def test_a_coupled_column_in_millimetres_is_refused_unless_its_speeds_are_not_used(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture
+) -> None:
+    motion = write(tiny.folder / "m.sto", in_millimetres(VALUES))
+    common = {"model": tiny.model, "coordinates": motion, **MIDDLE}
+    text = (
+        f"{motion}: the column of 'slide' is 1000 times what its coupler makes of 'elbow_flexion': one is "
+        "in millimetres, OpenSim reads metres"
+    )
+    with pytest.raises(DataError) as failure:
+        load_motion(**common)
+    assert str(failure.value).startswith(text)
+    found = load_motion(**common, keep_coupled_speeds=False).trajectory
+    assert text in warnings_of(caplog)
+    true = load_motion(model=tiny.model, coordinates=write(tiny.folder / "t.sto", VALUES), **MIDDLE)
+    np.testing.assert_allclose(found.generalized_forces, true.trajectory.generalized_forces, atol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.02e3, 1e3])
+def test_speeds_in_millimetres_are_refused_where_they_are_proven(tiny: Tiny, factor: float) -> None:
+    speeds = write(tiny.folder / "u.sto", SPEEDS | {"slide_u": factor * SPEEDS["slide_u"]})
+    motion = write(tiny.folder / "m.sto", VALUES)
+    common = {"model": tiny.model, "coordinates": motion, "speeds": speeds, **MIDDLE}
+    if factor != 1e3:
+        load_motion(**common)
+        return
+    with pytest.raises(DataError, match="the speeds of slide are 1000 times the derivative"):
+        load_motion(**common)
+
+
+@pytest.mark.parametrize(("column", "name"), [("p", "points"), ("m", "torque"), ("", "")])
+def test_loads_that_are_only_plausible_in_millimetres_are_reported(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture, column: str, name: str
+) -> None:
+    """A hand's load of 10 N with a moment of 0.5 N·m, on a body of 3.6 kg and 0.6 m."""
+    vectors = {"v": (3.0, -10.0, 0.0), "p": (0.01, -0.2, 0.0), "m": (0.0, 0.0, 0.5)}
+    columns = {
+        f"hand_{kind}{axis}": np.full(101, value * (1000 if kind == column else 1))
+        for kind, vector in vectors.items()
+        for axis, value in zip("xyz", vector, strict=True)
+    }
+    write_motion(tiny.folder / "hand.mot", TIME, columns)
+    text = tiny.loads.read_text()
+    assert "<torque_identifier></torque_identifier>" in text
+    tiny.loads.write_text(text.replace("<torque_identifier>", "<torque_identifier>hand_m"))
+    load_motion(tiny.setup, processes=1)
+    found = [text for text in warnings_of(caplog) if "divide" in text]
+    if not column:
+        assert found == []
+        return
+    (message,) = found
+    expected = {
+        "points": r"hand acts [\d.]+ m away from lower, .* are its points in millimetres",
+        "torque": r"the torque of hand is up to 500 N·m, more than its force .* is it in N·mm",
+    }[name]
+    assert re.search(expected, message)
+
+
+def floating(tiny: Tiny, *, is_reversed: bool) -> None:
+    """Let the shoulder shift too."""
+    text = tiny.model.read_text()
+    joint = text[text.index('<PinJoint name="shoulder"') : text.index('<PinJoint name="elbow"')]
+    changed = joint.replace("PinJoint", "PlanarJoint").replace(
+        "</coordinates>", '<Coordinate name="shift_x"/><Coordinate name="shift_y"/></coordinates>'
+    )
+    if is_reversed:
+        parents = "<socket_parent_frame>from</socket_parent_frame><socket_child_frame>to</socket_child_frame>"
+        assert parents in changed
+        changed = changed.replace(
+            parents, parents.replace("from", "x").replace("to<", "from<").replace("x<", "to<")
+        )
+    tiny.model.write_text(text.replace(joint, changed))
+
+
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_a_base_floats_by_the_joint_that_turns_and_shifts_against_ground(
+    tiny: Tiny, caplog: pytest.LogCaptureFixture, is_reversed: bool
+) -> None:
+    assert load_motion(tiny.setup, processes=1).trajectory.base_coordinates == ()
+    floating(tiny, is_reversed=is_reversed)
+    base = ("shoulder_flexion", "shift_x", "shift_y")
+    height = {"shift_x": 0.5 * TIME, "shift_y": 0.9 + 0 * TIME}
+    for factor in (1, 1000):
+        motion = write(tiny.folder / "m.sto", VALUES | {n: factor * v for n, v in height.items()})
+        caplog.clear()
+        found = load_motion(model=tiny.model, coordinates=motion, **MIDDLE).trajectory
+        assert found.base_coordinates == base
+        said = [text for text in warnings_of(caplog) if "is it in millimetres?" in text]
+        assert [text.split()[1] for text in said] == ([] if factor == 1 else ["shift_x", "shift_y"])

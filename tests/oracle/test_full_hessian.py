@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conic_oracle import hessian_problem, smallest_eigenvalue, solve_full_frame
+from conic_oracle import hessian_problem, smallest_eigenvalue, solve_full_frame, with_forces
 from coupled_terms import Smoothness
 
 import scso_nlp as scso
@@ -117,6 +117,23 @@ def test_frames_that_no_activation_stabilises_are_marked_infeasible(rng, solve):
         scso.SolveFailed, match=r"1 of 4 frames failed \(infeasible\).*HessianStability\[.* q\d.*short by"
     ):
         solve(broken)
+
+
+@pytest.mark.parametrize("exponent", [2.0, 3.0, np.inf])
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+def test_units_of_force_do_not_matter(rng, exponent, factor):
+    """Neither to the optimum nor to what is out of reach."""
+    problem = hessian_problem(rng, exponent=exponent, n_frames=2, reserve=2.0)
+    one, other = (scso.solve_trajectory(p) for p in (problem, with_forces(problem, factor)))
+    assert set(other.frame_status) == {scso.Status.SOLVED}
+    assert other.objective == pytest.approx(one.objective, rel=1e-5)
+    least = other.matrices["HessianStability"].smallest_eigenvalue
+    assert least.min() > -1e-5 * factor
+    highest = scso.reachable_stability(problem)[0].highest.max()
+    level = HessianStability(level=factor * (highest + 0.1))
+    solution = scso.solve_trajectory(with_stability(with_forces(problem, factor), level), on_failure="return")
+    assert set(solution.frame_status) == {scso.Status.INFEASIBLE}
+    assert all(proof.holds for proof in solution.infeasibility)
 
 
 def test_a_motion_out_of_reach_is_proven_so_before_the_solver_is_called(rng):

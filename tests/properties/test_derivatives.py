@@ -21,11 +21,11 @@ RELATIVE, ABSOLUTE = 1e-6, 1e-7
 
 
 class Program:
-    """The built program over some frames as NumPy functions of the scaled unknowns."""
+    """The built program over some frames, with the derivatives that IPOPT is given, as NumPy functions."""
 
-    def __init__(self, problem, frames):
+    def __init__(self, problem, frames, size=None):
         program = describe(problem)
-        nlp = build_nlp(program, len(frames))
+        nlp = build_nlp(program, len(frames), is_scaled=size is not None)
         self.nlp = nlp
         self.frames = np.asarray(frames)
         self.weights = (
@@ -34,15 +34,10 @@ class Program:
         weights = np.ones(program.time.size)
         weights[self.frames] = self.weights
         self.scale = FrameScale.of_weights(program, weights)
+        if size is not None:
+            self.scale = dataclasses.replace(self.scale, unknowns=np.full(program.time.size, size))
         self.p = nlp.parameters(self.frames, self.scale)
-        multipliers = ca.MX.sym("lam", nlp.g.numel())
-        lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
-        self.hessian_of = ca.Function("h", [nlp.x, nlp.p, multipliers], [ca.hessian(lagrangian, nlp.x)[0]])
-        self.gradient_of = ca.Function("l", [nlp.x, nlp.p, multipliers], [ca.gradient(lagrangian, nlp.x)])
         self.values_of = ca.Function("v", [nlp.x, nlp.p], [nlp.f, nlp.g])
-        self.first_of = ca.Function(
-            "d", [nlp.x, nlp.p], [ca.gradient(nlp.f, nlp.x), ca.jacobian(nlp.g, nlp.x)]
-        )
 
     def f(self, x):
         return float(self.values_of(x, self.p)[0])
@@ -50,18 +45,30 @@ class Program:
     def g(self, x):
         return self.values_of(x, self.p)[1].full().ravel()
 
+    def first(self, x):
+        """Gradient and Jacobian; the values beside them are those of the program."""
+        f, gradient = self.nlp.derivatives["grad_f"](x, self.p)
+        g, jacobian = self.nlp.derivatives["jac_g"](x, self.p)
+        assert float(f) == self.f(x)
+        np.testing.assert_array_equal(g.full().ravel(), self.g(x))
+        return gradient.full().ravel(), jacobian.full()
+
     def check(self, x, rng):
-        gradient, jacobian = self.first_of(x, self.p)
+        gradient, jacobian = self.first(x)
         np.testing.assert_allclose(
-            gradient.full().ravel(), central_difference(self.f, x, STEP), rtol=RELATIVE, atol=ABSOLUTE
+            gradient, central_difference(self.f, x, STEP), rtol=RELATIVE, atol=ABSOLUTE
         )
-        np.testing.assert_allclose(
-            jacobian.full(), central_difference(self.g, x, STEP), rtol=RELATIVE, atol=1e-6
-        )
+        np.testing.assert_allclose(jacobian, central_difference(self.g, x, STEP), rtol=RELATIVE, atol=1e-6)
         lam = rng.normal(size=self.nlp.g.numel())
-        first = lambda y: self.gradient_of(y, self.p, lam).full().ravel()  # noqa: E731
+
+        def slope(y):
+            gradient, jacobian = self.first(y)
+            return 1.5 * gradient + lam @ jacobian
+
+        upper = self.nlp.derivatives["hess_lag"](x, self.p, 1.5, lam).full()
+        assert not np.tril(upper, -1).any()
         np.testing.assert_allclose(
-            self.hessian_of(x, self.p, lam).full(), central_difference(first, x, STEP), rtol=1e-5, atol=1e-5
+            upper + np.triu(upper, 1).T, central_difference(slope, x, STEP), rtol=1e-5, atol=1e-5
         )
 
 
@@ -81,6 +88,14 @@ def interior(problem, n_frames, rng):
 def test_effort_has_exact_first_and_second_derivatives(rng, exponent, frames):
     problem = random_problem(rng, n_frames=3, n_muscles=5, exponent=exponent, reserve=5.0)
     Program(problem, frames).check(interior(problem, len(frames), rng), rng)
+
+
+@pytest.mark.parametrize("size", [1e-3, 20.0])
+def test_derivatives_are_those_by_unknowns_on_their_own_scale(rng, size):
+    problem = coupled(random_problem(rng, n_muscles=4, reserve=5.0)).without_coupling()
+    for objectives in (problem.objectives, (*problem.objectives, lambda f: ca.sumsqr(ca.exp(f.activation)))):
+        own = dataclasses.replace(problem, objectives=objectives)
+        Program(own, [1], size).check(interior(own, 1, rng) / size, rng)
 
 
 @pytest.mark.parametrize("frames", [[1], [0, 1, 2]])

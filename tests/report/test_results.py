@@ -1,11 +1,15 @@
 """Result files: OpenSim's formats, whole or not at all, nothing that looks like a result after a failure."""
 
 import builtins
+import concurrent.futures
+import contextlib
 import errno
+import hashlib
 import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,6 +22,8 @@ from solution_by_hand import solution_by_hand
 
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io import read_storage
+from scso_nlp.report import results
+from scso_nlp.report.folder import claimed, settle
 from scso_nlp.report.results import NO_ITERATE, STATUS_CODES, RunRecord, write_solution
 from scso_nlp.solution import Status
 
@@ -300,6 +306,19 @@ def test_the_report_is_strict_json_with_what_is_needed_to_reproduce(tmp_path):
     assert list(report["files_sha256"]) == [status.name]
 
 
+def test_the_report_says_what_the_terminal_says_beside_the_baseline(tmp_path):
+    solution = solution_by_hand(tonus=0.1)
+    balance = solution.moment_balance
+    baseline = replace(solution, moment_balance=replace(balance, actuators=balance.actuators / 2))
+    more = replace(solution, moment_balance=replace(balance, actuators=3 * balance.actuators))
+    for judged in (solution, more):
+        write(judged, tmp_path / "results", baseline=baseline)
+        report = json.loads((tmp_path / "results" / "report.json").read_text())
+        assert report["verdict"]["lines"] == list(judged.verdict.lines(baseline.verdict))
+        assert report["verdict"]["effort"] == judged.verdict.effort
+    assert report["verdict"]["lines"][1].endswith("stability is bought from reserves")
+
+
 @pytest.mark.parametrize("broken", ["_force.sto", "_controls.xml", "_status.sto", "report.json"])
 @pytest.mark.parametrize("exists", [False, True])
 def test_a_full_disk_leaves_what_was_there_before(tmp_path, monkeypatch, broken, exists):
@@ -346,6 +365,120 @@ def test_a_move_that_is_interrupted_is_taken_back(tmp_path, monkeypatch, step):
     monkeypatch.undo()
     assert content(folder) == before
     assert files(tmp_path) == {"results"}
+
+
+#: Ends the process at its n-th step of moving files, as kill -9 does.
+KILLED = """
+import os, sys
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from solution_by_hand import solution_by_hand
+from scso_nlp.report.results import write_solution
+real, left = os.replace, [{step}]
+def killed(source, target):
+    if {folder!r} in (str(Path(target).parent), str(Path(source).parent)):
+        left[0] -= 1
+        if left[0] < 0:
+            os.kill(os.getpid(), 9)
+    real(source, target)
+os.replace = killed
+write_solution(solution_by_hand(tonus=0.1, stability=False), {folder!r}, figures=False)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@pytest.mark.parametrize("step", [0, 1, 7, 14, 16, 18, 19])
+def test_a_run_that_is_killed_while_it_moves_files_leaves_one_result_whole(tmp_path, step):
+    """The next run finds the earlier results, or the new ones, never something of both."""
+    folder = tmp_path / "results"
+    write_solution(solution_by_hand(), folder)
+    (folder / "notes.txt").write_text("mine")
+    before = content(folder)
+    script = KILLED.format(tests=str(Path(__file__).parents[1]), step=step, folder=str(folder))
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True)
+    assert done.returncode == (-9 if step < 19 else 0), done.stderr
+    with claimed(folder, lambda _: True):
+        found = content(folder)
+    if step < 19:
+        assert found == before
+    else:
+        assert set(found) == RESULTS | ALWAYS | {"notes.txt"}
+    write(solution_by_hand(tonus=0.1), folder)
+    assert files(folder) == RESULTS | ALWAYS | {STABILITY, "notes.txt"}
+    assert files(tmp_path) == {"results"}
+
+
+def test_taking_back_may_be_interrupted_too(tmp_path, monkeypatch):
+    """At any of its steps; the next one goes on."""
+    folder = tmp_path / "results"
+    write_solution(solution_by_hand(), folder)
+    before = content(folder)
+    script = KILLED.format(tests=str(Path(__file__).parents[1]), step=17, folder=str(folder))
+    subprocess.run([sys.executable, "-c", script], check=False)
+    half = tmp_path / "half"
+    os.replace(folder, half)
+    real = os.replace
+    for step in range(1000):
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(half, folder)
+
+        count = iter(range(1000))
+
+        def interrupted(source, target, count=count, step=step):
+            if next(count) == step:
+                raise KeyboardInterrupt
+            real(source, target)
+
+        monkeypatch.setattr(os, "replace", interrupted)
+        with contextlib.suppress(KeyboardInterrupt):
+            settle(folder)
+            break
+        monkeypatch.undo()
+        settle(folder)
+        assert content(folder) == before
+    assert step > 10
+    assert content(folder) == before
+
+
+def test_what_a_killed_run_was_writing_is_cleared_away(tmp_path):
+    folder = tmp_path / "results"
+    write(solution_by_hand(), folder)
+    (folder / ".scso_new").mkdir()
+    (folder / ".scso_new" / "half").write_text("0.1 0.")
+    for name in ("report.json", "antagonists_moments.png"):
+        (folder / f".{'0' * 32}.{name}").write_text("half")
+    (folder / ".hidden").write_text("mine")
+    write(solution_by_hand(tonus=0.1), folder)
+    assert files(folder) == RESULTS | ALWAYS | {STABILITY, ".hidden"}
+
+
+def test_runs_that_write_into_one_folder_at_the_same_time_wait_for_each_other(tmp_path, monkeypatch, caplog):
+    """What is there in the end is all of one run."""
+    folder = tmp_path / "results"
+    solutions = [solution_by_hand(tonus=tonus) for tonus in (0.0, 0.1, 0.2, 0.3)]
+    expected = []
+    for k, solution in enumerate(solutions):
+        write(solution, tmp_path / f"alone_{k}")
+        expected.append(content(tmp_path / f"alone_{k}"))
+    inside, most = [], []
+    put = results._put
+
+    def watched(*arguments):
+        inside.append(1)
+        most.append(len(inside))
+        put(*arguments)
+        inside.pop()
+
+    monkeypatch.setattr(results, "_put", watched)
+    for _ in range(5):
+        with concurrent.futures.ThreadPoolExecutor(len(solutions)) as pool:
+            list(pool.map(lambda solution: write(solution, folder), solutions))
+        found = content(folder)
+        report = json.loads(found.pop("report.json"))
+        assert found in [{n: c for n, c in each.items() if n != "report.json"} for each in expected]
+        assert report["files_sha256"] == {n: hashlib.sha256(c).hexdigest() for n, c in found.items()}
+    assert set(most) == {1}
+    assert "is being written to by another run; waiting for it" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["../escape", "a/b", "", ".hidden", "a\nb", "a\\b"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 from helpers import random_problem
@@ -133,11 +134,49 @@ def test_coordinates_that_contradict_each_other_are_infeasible(rng):
     assert all(shortfall.proven for shortfall in solution.shortfalls)
 
 
-def test_what_vanishes_among_the_doubles_is_not_called_solved(rng):
-    problem = random_problem(rng, exponent=200.0, reserve=5.0, stability=False)
-    solution = scso.solve_trajectory(with_forces(problem, moment=1e-3), on_failure="return")
-    assert not solution.is_solved.any()
+@pytest.mark.parametrize("factor", [1e-3, 1e-9])
+@pytest.mark.parametrize("exponent", [20.0, 200.0, 1000.0])
+def test_powers_that_vanish_among_the_doubles_have_an_optimum_all_the_same(rng, exponent, factor):
+    """Activations are proportional to the moments, whatever becomes of their powers."""
+    problem = without_bounds(random_problem(rng, exponent=exponent, reserve=5.0, stability=False))
+    whole, small = (scso.solve_trajectory(p) for p in (problem, with_forces(problem, moment=factor)))
+    assert small.status is Status.SOLVED
+    norms = [
+        largest * ((np.hstack([s.activation, s.control]) / largest) ** exponent).sum(axis=1, keepdims=True)
+        ** (1 / exponent)
+        for s in (whole, small)
+        for largest in [np.abs(np.hstack([s.activation, s.control])).max(axis=1, keepdims=True)]
+    ]  # fmt: skip
+    np.testing.assert_allclose(norms[1], factor * norms[0], rtol=1e-6)
+    if exponent == 200.0:
+        assert (small.rows["MomentEquilibrium"].multiplier == 0).all(), "none is among the doubles"
+
+
+def test_objectives_that_vanish_among_the_doubles_and_have_no_degree_are_not_called_solved(rng):
+    """An own cost cannot be scaled: what it is worth far below the doubles nobody knows."""
+    problem = random_problem(rng, reserve=5.0, stability=False)
+    own = dataclasses.replace(
+        with_forces(problem, moment=1e-3), objectives=(lambda frame: ca.sum1(frame.activation**200),)
+    )
+    solution = scso.solve_trajectory(own, on_failure="return")
     assert set(solution.frame_status) == {Status.NOT_OPTIMAL}
+
+
+@pytest.mark.parametrize("exponent", [2.0, 20.0, 200.0])
+@pytest.mark.parametrize("price", [1e-6, 1.0])
+def test_a_price_that_hides_the_effort_does_not_hide_its_optimum(rng, exponent, price):
+    """A level that is kept at its price is kept at the same cost as if it were hard."""
+    hard = random_problem(rng, exponent=exponent, reserve=5.0)
+    rows = dataclasses.replace(hard.constraints[1], soft=price)
+    soft = dataclasses.replace(hard, constraints=(hard.constraints[0], rows))
+    one, other = scso.solve_trajectory(hard), scso.solve_trajectory(soft)
+    assert one.rows["JointStability"].multiplier.max() < price or exponent == 2.0
+    kept = one.rows["JointStability"].multiplier.max(axis=1) < price
+    for k in np.flatnonzero(kept):
+        assert other.frame_status[k] is Status.SOLVED
+        cost = [(np.abs(np.hstack([s.activation[k], s.control[k]])) ** exponent).sum() for s in (one, other)]
+        assert cost[1] == pytest.approx(cost[0], rel=1e-6 * exponent)
+    assert kept.any() or price < 1.0
 
 
 @pytest.mark.parametrize("exponent", [500.0, 1000.0])

@@ -6,10 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conic_oracle import solve_conic
+from conic_oracle import hessian_problem, solve_conic
 
 from scso_nlp.solve.conic import MatrixProgram, solve_matrix_programs
+from scso_nlp.solve.local_model import local_model
 from scso_nlp.solve.refine import critical_turns
+from scso_nlp.transcription.describe import describe
 
 #: Both solvers stop at about 1e-10 of a unit problem; an unknown of a degenerate frame is known to about
 #: the square root of that.
@@ -235,3 +237,28 @@ def test_turns_of_very_different_weight_are_eigenvectors_with_sums_and_differenc
 
 def test_no_multiplier_means_no_turn():
     assert critical_turns(np.zeros((2, 3, 3))).shape == (2, 0, 3)
+
+
+def test_the_same_rows_are_modelled_whichever_frames_are_asked_for(rng):
+    """A coordinate that nothing moves in the second frame has a row of zeros there, not none."""
+    problem = hessian_problem(rng, n_coordinates=2, n_frames=2, exponent=3.0)
+    trajectory = problem.motion.trajectory
+    arms, moments = trajectory.moment_arms.copy(), trajectory.generalized_forces.copy()
+    arms[1, 1], moments[1, 1] = 0.0, 0.0
+    trajectory = dataclasses.replace(trajectory, moment_arms=arms, generalized_forces=moments)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    model = local_model(describe(problem))
+    unknowns = np.full((2, model.program.layout.size), 0.3)
+    both = model.rows(unknowns, np.array([0, 1]))
+    for k in range(2):
+        for alone, among in zip(model.rows(unknowns[[k]], np.array([k])), both, strict=True):
+            np.testing.assert_array_equal(alone[0], among[k])
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+def test_units_of_equations_and_rows_do_not_matter(rng, factor):
+    program = random_program(rng, n_equations=2, n_rows=2)
+    scaled = {name: factor * getattr(program, name) for name in ("equations", "targets", "rows", "least")}
+    answers = [solve_matrix_programs(p) for p in (program, dataclasses.replace(program, **scaled))]
+    assert all(answer.is_solved.all() for answer in answers)
+    np.testing.assert_allclose(answers[1].x, answers[0].x, atol=TOLERANCE_OF_X)

@@ -56,6 +56,13 @@ class Bodies:
         self._reversed = {
             joint.getAbsolutePathString() for joint, turned in zip(joints, is_reversed, strict=True) if turned
         }
+        self._welded = {
+            outboard
+            for joint in joints
+            if joint.numCoordinates() == 0
+            for outboard in [self.of(self.outboard_frame(joint))]
+            if self.parents[outboard] == self.of(self.inboard_frame(joint))
+        }
         self._matter = model.getMatterSubsystem()
 
     def of(self, frame: osim.PhysicalFrame) -> int:
@@ -71,6 +78,12 @@ class Bodies:
         """Return a joint's frame on the distal side."""
         is_reversed = joint.getAbsolutePathString() in self._reversed
         return joint.getParentFrame() if is_reversed else joint.getChildFrame()
+
+    def is_fixed(self, body: int) -> bool:
+        """Tell whether a body is ground or welded to it, over other bodies too."""
+        while body in self._welded:
+            body = int(self.parents[body])
+        return body == 0
 
     def moved_by(self, coordinate: osim.Coordinate) -> set[int]:
         """Return the bodies on the distal side of a coordinate's joint."""

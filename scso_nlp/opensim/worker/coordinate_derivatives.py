@@ -15,7 +15,7 @@ from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.elimination import Elimination
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.paths import fixed_paths
-from scso_nlp.opensim.worker.poses import POSE_TOLERANCE, Pose, largest_error
+from scso_nlp.opensim.worker.poses import POSE_TOLERANCE, Pose
 from scso_nlp.opensim.worker.skeleton import LoadVectors
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -38,6 +38,7 @@ class _Center:
     coupling: FloatArray  # (n_u, n_chosen), du over the speeds of the chosen coordinates
     loads: LoadVectors
     load_stations: FloatArray  # (n_loads, 3) [m], where the loads act, fixed to their bodies
+    constraint_errors: FloatArray  # (n_position_constraints,) [m] or [rad], what assembling left open
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +175,7 @@ class CoordinateDerivatives:
             coupling=pose.coupling[:, self._columns],
             loads=loads,
             load_stations=np.einsum("lba,lb->la", pose.rotations[bodies], arms),
+            constraint_errors=np.array(self._state.getQErr().to_numpy()),
         )
 
     @contextmanager
@@ -192,7 +194,7 @@ class CoordinateDerivatives:
         self._set_values(moved, values[moved])
         model.opensim.realizePosition(self._state)
         if self._has_followers[j]:
-            self._close_loops()
+            self._close_loops(center)
             constraints = model.constraint_matrix(self._state)
             coupling = self._elimination.coupling(constraints, center.pose.time)[:, self._columns]
         yield coupling
@@ -204,18 +206,18 @@ class CoordinateDerivatives:
             if not coordinates.is_locked[k]:
                 coordinates.items[k].setValue(self._state, float(value), False)
 
-    def _close_loops(self) -> None:
-        """Move the dependent coordinates until the constraints hold; the free ones stay."""
+    def _close_loops(self, center: _Center) -> None:
+        """Move the dependent coordinates until the constraints hold as in the center; the free ones stay."""
         model, state, gone = self._model, self._state, self._elimination.gone.tolist()
         for _ in range(LOOP_ITERATIONS):
-            error = np.array(state.getQErr().to_numpy())
+            error = np.array(state.getQErr().to_numpy()) - center.constraint_errors
             if np.abs(error).max(initial=0.0) <= LOOP_TOLERANCE:
                 return
             change = self._elimination.remedy(model.constraint_matrix(state)[: len(error)], error)
             values = np.array([model.coordinates.items[k].getValue(state) for k in gone])
             self._set_values(gone, values + change)
             model.opensim.realizePosition(state)
-        if largest_error(state) > POSE_TOLERANCE:
+        if np.abs(state.getQErr().to_numpy() - center.constraint_errors).max(initial=0.0) > POSE_TOLERANCE:
             raise EngineError(
                 f"the model's constraints cannot be kept near its pose at t = {state.getTime():.9g} s"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,7 @@ class Coordinates:
     is_locked: BoolArray
     is_prescribed: BoolArray
     is_set_by_model: BoolArray  # locked, prescribed or coupled
+    ranges: FloatArray  # (n_u, 2) [rad or m], least and largest value of clamped ones, else infinite
     couplers: list[Coupler]
 
     def follow(self, values: FloatArray) -> None:
@@ -47,6 +49,17 @@ class Coordinates:
         for _ in range(min(len(self.couplers), MOST_ROUNDS)):
             for coupler in self.couplers:
                 values[coupler.target] = coupler.value(values)
+
+    def values(self, state: osim.State) -> list[float]:
+        """Return the values of all in a state [rad or m]."""
+        return [coordinate.getValue(state) for coordinate in self.items]
+
+    def set_values(self, state: osim.State, values: FloatArray) -> None:
+        """Give a state values, shape (n_u,), as they are; locked coordinates stay."""
+        for coordinate, value, is_locked in zip(self.items, values.tolist(), self.is_locked, strict=True):
+            # setting a locked coordinate has no effect but a warning
+            if not is_locked:
+                coordinate.setValue(state, value, False)
 
 
 def read_coordinates(model: osim.Model, state: osim.State) -> Coordinates:
@@ -72,6 +85,7 @@ def read_coordinates(model: osim.Model, state: osim.State) -> Coordinates:
         is_locked=np.array([coordinate.getLocked(state) for coordinate in items]),
         is_prescribed=np.array([coordinate.isPrescribed(state) for coordinate in items]),
         is_set_by_model=np.array([coordinate.isConstrained(state) for coordinate in items]),
+        ranges=np.array([_range(coordinate, state) for coordinate in items]).reshape(-1, 2),
         couplers=_read_couplers(model, state, names),
     )
 
@@ -79,6 +93,13 @@ def read_coordinates(model: osim.Model, state: osim.State) -> Coordinates:
 def state_variables(model: osim.Model) -> list[str]:
     """Return the paths of all state variables, coordinates first, in tree order."""
     return list(osim.createStateVariableNamesInSystemOrder(model))
+
+
+def _range(coordinate: osim.Coordinate, state: osim.State) -> tuple[float, float]:
+    """Return the range to which a coordinate is clamped; what is locked or prescribed has none."""
+    if not coordinate.getClamped(state) or coordinate.getLocked(state) or coordinate.isPrescribed(state):
+        return -math.inf, math.inf
+    return float(coordinate.getRangeMin()), float(coordinate.getRangeMax())
 
 
 def _read_couplers(model: osim.Model, state: osim.State, names: list[str]) -> list[Coupler]:

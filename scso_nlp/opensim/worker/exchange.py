@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from scso_nlp.validation import FloatArray
 
+#: The file that makes a folder one of a job.
+JOB = "job.json"
 #: Arrays of path points, as many per frame as its longest path has, and what they are filled up with.
 POINT_ARRAYS = {
     "skeleton.path_points": 0.0,
@@ -41,6 +43,7 @@ class Job:
     motion: Table  # coordinates or states
     unusable: Mapping[str, str]  # columns of the motion that are not finite everywhere, and where not
     speeds: Table | None
+    inputs: Mapping[str, str]  # SHA-256 of the files that the workers read, by path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,16 +74,17 @@ def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
     content = {
         "settings": settings,
         "unusable": dict(job.unusable),
+        "inputs": dict(job.inputs),
         "labels": {name: list(table.labels) for name, table in tables.items()},
     }
-    (folder / "job.json").write_text(json.dumps(content), encoding="utf-8")
+    (folder / JOB).write_text(json.dumps(content), encoding="utf-8")
     for name, table in tables.items():
         np.savez(folder / f"{name}.npz", time=table.time, values=table.values)
 
 
 def read_job(folder: Path) -> Job:
     """Read what :func:`write_job` wrote."""
-    content = json.loads((folder / "job.json").read_text(encoding="utf-8"))
+    content = json.loads((folder / JOB).read_text(encoding="utf-8"))
     tables = {
         name: Table(labels=tuple(labels), **_load(folder / f"{name}.npz"))
         for name, labels in content["labels"].items()
@@ -90,6 +94,7 @@ def read_job(folder: Path) -> Job:
         motion=tables["motion"],
         unusable=content["unusable"],
         speeds=tables.get("speeds"),
+        inputs=content["inputs"],
     )
 
 

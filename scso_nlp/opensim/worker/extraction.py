@@ -8,6 +8,8 @@ import numpy as np
 import opensim as osim
 from numpy.typing import NDArray
 
+from scso_nlp.files import refuse_changed
+from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job
@@ -38,8 +40,12 @@ class Extraction:
     def __init__(self, job: Job) -> None:
         osim.Logger.setLevelString("Info")
         settings = job.settings
-        self._model = Model(settings)
-        self._kinematics = read_kinematics(job, self._model)
+        try:
+            self._model = Model(settings)
+        finally:
+            # OpenSim has read all files by now; what it says of one that was half written is beside the point
+            refuse_changed(job.inputs)
+        self._kinematics = assembled(job, self._model, read_kinematics(job, self._model))
         self._poses = Poses(
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )
@@ -125,6 +131,7 @@ class Extraction:
                 "muscles": muscles["muscles"],
                 "actuators": actuators["actuators"],
                 "coordinates": [coordinates.names[k] for k in elimination.free],
+                "base_coordinates": self._base_coordinates(),
                 "is_rotational": coordinates.is_rotational[elimination.free].tolist(),
                 "force_columns": forces.columns,
                 "other_force_labels": forces.record_labels,
@@ -141,6 +148,7 @@ class Extraction:
             },
             "log": {
                 "notes": self._notes(),
+                "size": model.size(),
                 "eliminated": [coordinates.names[k] for k in elimination.gone],
             },
         }
@@ -149,6 +157,21 @@ class Extraction:
         if self._derivatives is not None:
             header["curvature"] = {"coordinates": self._derivatives.names}
         return header
+
+    def _base_coordinates(self) -> list[str]:
+        """Name the free coordinates of joints that may both turn and shift against ground."""
+        model, coordinates = self._model, self._model.coordinates
+        free = self._poses.elimination.free
+        owners = [coordinates.items[k].getJoint().getAbsolutePathString() for k in free]
+        is_angle = coordinates.is_rotational[free]
+        floating = {
+            path
+            for path, inboard in zip(model.joints.paths, model.joints.inboard, strict=True)
+            if model.bodies.is_fixed(inboard)
+            and {bool(angle) for owner, angle in zip(owners, is_angle, strict=True) if owner == path}
+            == {False, True}
+        }
+        return [coordinates.names[k] for k, owner in zip(free, owners, strict=True) if owner in floating]
 
     def _notes(self) -> list[Note]:
         """Return what the user should know about columns, forces and coordinates that are left out."""
@@ -162,7 +185,7 @@ class Extraction:
                 (
                     "WARNING",
                     "muscles and actuators outside the model's ForceSet act in their default state and are "
-                    f"not optimized, as in OpenSim (move them into the ForceSet to use them): {names}",
+                    f"not optimized, as in OpenSim (name them in outside_force_set to use them): {names}",
                 )
             )
         coordinates, gone = self._model.coordinates, self._poses.elimination.gone

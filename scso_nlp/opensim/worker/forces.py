@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import chain, count
 
 import opensim as osim
 
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, NameMismatchError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,24 +26,30 @@ class Forces:
     outside: list[str] = field(default_factory=list)  # and those that do, but stand outside the ForceSet
 
 
-def read_forces(model: osim.Model, state: osim.State) -> Forces:
+def read_forces(model: osim.Model, state: osim.State, used: Collection[str]) -> Forces:
     """Sort a model's forces.
 
     Muscles and actuators outside the ForceSet are passive elements, as in OpenSim's static optimization: it
-    does not ask how much of them is needed, they act as their state and their control of zero tell.
+    does not ask how much of them is needed, they act as their state and their control of zero tell. Those
+    that are to be `used` nevertheless are named, or called by their path, or all of them by "all".
 
     Raises
     ------
     DataError
         Neither muscle nor actuator, or an actuator that is not a scalar one.
+    NameMismatchError
+        A name that no muscle or actuator outside the ForceSet has, or that it shares with an unknown.
     """
     forces = Forces()
     not_scalar = []
     force_set = model.getForceSet()
     own = [force_set.get(i) for i in range(force_set.getSize())]
-    in_force_set = {force.getAbsolutePathString() for force in own}
-    unknowns = [force.getName() for force in own if osim.Actuator.safeDownCast(force) is not None]
-    for force in _every_force(model):
+    optimized = {force.getAbsolutePathString() for force in own}
+    every = list(_every_force(model))
+    chosen = _outside(every, optimized, used)
+    optimized |= {force.getAbsolutePathString() for force in chosen}
+    unknowns = [force.getName() for force in (*own, *chosen) if osim.Actuator.safeDownCast(force) is not None]
+    for force in every:
         applies = bool(force.appliesForce(state))
         if osim.Actuator.safeDownCast(force) is None:
             if applies:
@@ -52,7 +58,7 @@ def read_forces(model: osim.Model, state: osim.State) -> Forces:
         if not applies:
             forces.switched_off.append(force.getName())
             continue
-        if force.getAbsolutePathString() not in in_force_set:
+        if force.getAbsolutePathString() not in optimized:
             forces.outside.append(force.getAbsolutePathString())
             _sort_other(force, forces, unknowns)
             continue
@@ -72,6 +78,34 @@ def read_forces(model: osim.Model, state: osim.State) -> Forces:
     if not forces.muscles and not forces.actuators:
         raise DataError("the model has no muscle or actuator that applies force, expected at least one")
     return forces
+
+
+def _outside(every: list[osim.Force], optimized: set[str], used: Collection[str]) -> list[osim.Force]:
+    """Return the muscles and actuators outside the ForceSet that are to be optimized too."""
+    taken = {force.getName() for force in every if force.getAbsolutePathString() in optimized}
+    outside = {
+        force.getAbsolutePathString(): force
+        for force in every
+        if osim.Actuator.safeDownCast(force) is not None and force.getAbsolutePathString() not in optimized
+    }
+    chosen: list[osim.Force] = []
+    for path, force in outside.items():
+        if not {"all", path, force.getName()}.isdisjoint(used):
+            if force.getName() in taken:
+                raise NameMismatchError(
+                    f"{path}, named in outside_force_set, shares its name with another muscle or actuator "
+                    "that is optimized: rename one of them"
+                )
+            taken.add(force.getName())
+            chosen.append(force)
+    known = {"all", *outside, *(force.getName() for force in chosen)}
+    for name in used:
+        if name not in known:
+            raise NameMismatchError(
+                f"unknown muscle or actuator {name!r} in outside_force_set (outside the ForceSet: "
+                f"{', '.join(outside) or 'none'})"
+            )
+    return chosen
 
 
 def take_off_actuators(forces: Forces, state: osim.State) -> None:

@@ -20,7 +20,8 @@ class Model:
     """A model with the setup's actuators and loads, in its default pose, muscles and actuators off.
 
     `state` stays as it is, realized to velocity: who poses the model copies it. There are `n_u` mobilities,
-    as many as coordinates, and one of `paths` per muscle.
+    as many as coordinates, and one of `paths` per muscle. With constraints in its ConstraintSet, enforced or
+    not, OpenSim assembles it by optimization, else by projection if any coordinate is locked or prescribed.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -31,8 +32,9 @@ class Model:
         self._matter = self.opensim.getMatterSubsystem()
         self.n_u = int(self.state.getNU())
         self.is_constrained = len(self.state.getUErr().to_numpy()) > 0
+        self.has_constraint_set = self.opensim.getConstraintSet().getSize() > 0
         self.coordinates = read_coordinates(self.opensim, self.state)
-        self.forces = read_forces(self.opensim, self.state)
+        self.forces = read_forces(self.opensim, self.state, settings["outside_force_set"])
         take_off_actuators(self.forces, self.state)
         self.opensim.realizeVelocity(self.state)
         self.bodies = Bodies(self.opensim)
@@ -45,6 +47,14 @@ class Model:
             [path.opensim for path in self.paths],
             [path.drives_mobilities for path in self.paths],
         )
+
+    def size(self) -> float:
+        """Return the largest distance between centers of bodies and joints in the default pose [m]."""
+        rotations, origins = self.bodies.poses(self.state)
+        centers = np.einsum("bij,bj->bi", rotations, self.bodies.mass_centers) + origins
+        joints = self.joints.at(self.state, rotations, origins).centers
+        points = np.concatenate([centers[1:], joints])
+        return float(np.linalg.norm(points[:, None] - points, axis=2).max(initial=0.0))
 
     def constraint_matrix(self, state: osim.State) -> FloatArray:
         """Return the matrix of the velocity constraints, shape (n_constraints, n_u)."""

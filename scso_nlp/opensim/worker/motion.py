@@ -12,6 +12,7 @@ import numpy as np
 import opensim as osim
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.opensim.worker.coordinates import Coordinates
 from scso_nlp.opensim.worker.exchange import Job, Table
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
@@ -24,10 +25,14 @@ SAME_TIME = 1e-6
 SUSPICIOUS_ROTATION = 4 * np.pi
 #: A column that is this many times what it should be, or the inverse, is in the other unit [rad/deg] ...
 RADIANS_PER_DEGREE = np.pi / 180.0
+#: and likewise millimetres for metres [m/mm] ...
+METRES_PER_MILLIMETRE = 1e-3
 #: ... by this relative tolerance [-] ...
 SAME_RATIO = 0.01
 #: ... where what is compared has the same course: least cosine of the angle between all values of both [-].
 SAME_COURSE = 0.99
+#: Columns of coupled coordinates that are further from what their couplers ask for are reported [rad or m].
+DIFFERENT = 1e-3
 #: Degree of the splines that give speeds and accelerations.
 DEGREE = 5
 
@@ -44,7 +49,8 @@ class Kinematics:
     speeds: FloatArray  # (n_rows, n_u) [rad/s or m/s]
     accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline; NaN but in the rows to analyze
     rows: IntArray  # the rows to analyze
-    notes: list[Note]  # on missing columns and on units
+    notes: list[Note]  # on missing columns, on units, on what contradicts the model
+    is_assembled: bool = False  # values are OpenSim's assembly of the columns, nothing is to be done to them
 
 
 def read_kinematics(job: Job, model: Model) -> Kinematics:
@@ -65,15 +71,18 @@ def read_kinematics(job: Job, model: Model) -> Kinematics:
         storage.lowpassIIR(cutoff)
     columns, notes = _value_columns(job, model, storage)
     time = _time(storage)
+    # what coordinates files leave out is zero in OpenSim, what states files leave out has its default
     values = np.zeros((len(time), model.n_u))
+    if settings["states"] is not None:
+        values += model.coordinates.values(model.state)
     for k, column in enumerate(columns):
         if column >= 0:
             values[:, k] = _column(storage, column)
-    if settings["in_degrees"]:
-        values[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
+            if settings["in_degrees"] and model.coordinates.scales_with_degrees[k]:
+                values[:, k] *= RADIANS_PER_DEGREE
     rows = _selected_rows(time, settings, job.motion.time)
     notes += _notes_on_units(job, model, values[rows])
-    notes += _notes_on_couplers(job, model, values[rows], np.array(columns) >= 0)
+    notes += _notes_on_couplers(job, model, time[rows], values[rows], np.array(columns) >= 0)
     if settings["states"] is not None:
         speeds = _speeds_of_states(settings["states"], model, storage, values)
     else:
@@ -118,15 +127,16 @@ def _notes_on_missing(
 ) -> list[Note]:
     notes = []
     refused = []
+    where = "zero" if settings["states"] is None else "its default value"
     for coordinate in missing:
         name, share = coordinate.getName(), _moved_mass(coordinate, model)
         if name in settings["held_coordinates"]:
-            notes.append(("INFO", f"{source} has no column for {name!r}: held at zero as asked"))
+            notes.append(("INFO", f"{source} has no column for {name!r}: held at {where} as asked"))
         elif share <= LIGHT_SEGMENT:
             notes.append(
                 (
                     "WARNING",
-                    f"{source} has no column for the coordinate {name!r}: held at zero, as OpenSim does "
+                    f"{source} has no column for the coordinate {name!r}: held at {where}, as OpenSim does "
                     f"(it moves {100 * share:.2g} % of the model's mass)",
                 )
             )
@@ -135,7 +145,7 @@ def _notes_on_missing(
     if refused:
         raise NameMismatchError(
             f"{source} has no column for {', '.join(refused)}, coordinates of "
-            f"{os.path.basename(settings['model'])} (OpenSim would hold them at zero; if that is "
+            f"{os.path.basename(settings['model'])} (OpenSim would hold each at {where}; if that is "
             "meant, name them in held_coordinates)"
         )
     return notes
@@ -168,8 +178,18 @@ def _notes_on_speeds(
     DataError
         They are in another unit, and nobody said that they are to be read so.
     """
-    compared = model.coordinates.scales_with_degrees & np.isfinite(given).all(axis=0)
-    times = _other_unit(given[:, compared], derived[:, compared])
+    is_given = np.isfinite(given).all(axis=0)
+    shifts = ~model.coordinates.is_rotational & is_given
+    times = _other_unit(given[:, shifts], derived[:, shifts], METRES_PER_MILLIMETRE)
+    if times is not None:
+        names = ", ".join(name for name, shift in zip(model.coordinates.names, shifts, strict=True) if shift)
+        raise DataError(
+            f"{settings['speeds']}: the speeds of {names} are {times} the derivative of the coordinates in "
+            f"{settings['coordinates']}, so one of them is in millimetres: OpenSim reads metres, divide its "
+            "columns by 1000"
+        )
+    compared = model.coordinates.scales_with_degrees & is_given
+    times = _other_unit(given[:, compared], derived[:, compared], RADIANS_PER_DEGREE)
     if times is None:
         return []
     in_degrees = settings["speeds_in_degrees"]
@@ -186,7 +206,9 @@ def _notes_on_speeds(
     )
 
 
-def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: BoolArray) -> list[Note]:
+def _notes_on_couplers(
+    job: Job, model: Model, time: FloatArray, values: FloatArray, has_column: BoolArray
+) -> list[Note]:
     """Compare columns of coupled coordinates with what their couplers ask for, values (n_rows, n_u).
 
     Raises
@@ -196,18 +218,30 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
     """
     coordinates, settings = model.coordinates, job.settings
     source = settings["states"] or settings["coordinates"]
-    notes = []
+    notes: list[Note] = []
+    apart = np.zeros_like(values)
     for coupler in coordinates.couplers:
         k = coupler.target
         if not has_column[[k, *coupler.where]].all():
             continue
         asked = np.array([coupler.value(row) for row in values])
-        times = _other_unit(values[:, k], asked)
-        if times is None:
-            continue
         partners = ", ".join(repr(coordinates.names[j]) for j in coupler.where)
         name = coordinates.names[k]
-        text = f"{source}: the column of {name!r} is {times} what its coupler makes of {partners}"
+        text = f"{source}: the column of {name!r} is {{}} what its coupler makes of {partners}"
+        times = _other_unit(values[:, k], asked, METRES_PER_MILLIMETRE)
+        if times is not None:
+            text = f"{text.format(times)}: one is in millimetres, OpenSim reads metres"
+            if settings["keep_coupled_speeds"]:
+                raise DataError(
+                    f"{text}; divide by 1000, take the column out, or set keep_coupled_speeds = false"
+                )
+            notes.append(("WARNING", text))
+            continue
+        times = _other_unit(values[:, k], asked, RADIANS_PER_DEGREE)
+        if times is None:
+            apart[:, k] = np.abs(values[:, k] - asked)
+            continue
+        text = text.format(times)
         if coordinates.is_rotational[k] or not coordinates.scales_with_degrees[coupler.where].all():
             remedy = ", or set keep_coupled_speeds = false" if settings["keep_coupled_speeds"] else ""
             notes.append(("WARNING", f"{text}: its unit is wrong; take the column out{remedy}"))
@@ -220,20 +254,35 @@ def _notes_on_couplers(job: Job, model: Model, values: FloatArray, has_column: B
                 "are"
             )
         notes.append(("WARNING", f"{text}: taken so, as asked"))
+    if (apart > DIFFERENT).any():
+        notes.append(("WARNING", f"{source}: {_largest_difference(coordinates, time, apart)}"))
     return notes
 
 
-def _other_unit(found: FloatArray, expected: FloatArray) -> str | None:
-    """Tell how many times larger values are than expected, if that shows degrees for radians; else None."""
+def _largest_difference(coordinates: Coordinates, time: FloatArray, apart: FloatArray) -> str:
+    """Say how far columns are from what couplers ask for, shape (n_rows, n_u)."""
+    far = apart > DIFFERENT
+    row, k = np.unravel_index(int(apart.argmax()), apart.shape)
+    names = ", ".join(coordinates.names[j] for j in np.flatnonzero(far.any(axis=0)))
+    unit = "rad" if coordinates.is_rotational[k] else "m"
+    return (
+        f"in {far.any(axis=1).sum()} of {len(time)} rows the columns of {names} are not what their couplers "
+        f"ask for, most {coordinates.names[k]!r} by {apart[row, k]:.3g} {unit} at t = {time[row]:.9g} s: the "
+        "couplers' values are taken, as in OpenSim"
+    )
+
+
+def _other_unit(found: FloatArray, expected: FloatArray, unit: float) -> str | None:
+    """Tell how many times larger values are than expected, if that shows another unit; else None."""
     own, other = float((found**2).sum()), float((expected**2).sum())
     product = float((found * expected).sum())
     if not own * other > 0 or product < SAME_COURSE * math.sqrt(own * other):
         return None
     ratio = math.sqrt(own / other)
-    if abs(ratio * RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
-        return f"{ratio:.3g} times"
-    if abs(ratio / RADIANS_PER_DEGREE - 1) <= SAME_RATIO:
-        return f"1/{1 / ratio:.3g} of"
+    if abs(ratio * unit - 1) <= SAME_RATIO:
+        return f"{ratio:.4g} times"
+    if abs(ratio / unit - 1) <= SAME_RATIO:
+        return f"1/{1 / ratio:.4g} of"
     return None
 
 

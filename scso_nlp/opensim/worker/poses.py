@@ -18,7 +18,7 @@ POSE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
-    """A row of the motion with the constraints satisfied.
+    """A row of the motion with the constraints satisfied, as far as OpenSim's assembly satisfies them.
 
     All of it is a value but `state`, OpenSim's own, realized to velocity: the next pose overwrites it.
     """
@@ -60,7 +60,7 @@ class Poses:
         return Pose(
             state=state,
             time=time,
-            values=np.array([coordinate.getValue(state) for coordinate in model.coordinates.items]),
+            values=np.array(model.coordinates.values(state)),
             speeds=np.array([coordinate.getSpeedValue(state) for coordinate in model.coordinates.items]),
             accelerations=self._kinematics.accelerations[row],
             constraints=constraints,
@@ -75,21 +75,31 @@ class Poses:
         model, state, coordinates = self._model, self._state, self._model.coordinates
         time = float(self._kinematics.time[row])
         state.setTime(time)
-        values, speeds = self._kinematics.values[row].copy(), self._kinematics.speeds[row]
+        values, speeds = self._kinematics.values[row], self._kinematics.speeds[row]
+        is_assembled = self._kinematics.is_assembled
+        coordinates.set_values(state, values if is_assembled else self._completed(values, time))
+        for coordinate, speed, is_locked in zip(
+            coordinates.items, speeds.tolist(), coordinates.is_locked, strict=True
+        ):
+            if not is_locked:
+                coordinate.setSpeedValue(state, speed)
+        model.opensim.realizePosition(state)
+        # a projection gives prescribed coordinates their speeds too
+        is_projected = coordinates.is_prescribed.any() and not model.has_constraint_set
+        is_open = model.is_constrained and not is_assembled and largest_error(state) > POSE_TOLERANCE
+        if is_projected or is_open:
+            model.opensim.assemble(state)
+        model.opensim.realizeVelocity(state)
+
+    def _completed(self, values: FloatArray, time: float) -> FloatArray:
+        """Return values, shape (n_u,), with what the model itself says of some coordinates."""
+        coordinates, values = self._model.coordinates, values.copy()
         for k in np.flatnonzero(coordinates.is_prescribed).tolist():
             values[k] = coordinates.items[k].getPrescribedFunction().calcValue(osim.Vector(1, time))
         for k in np.flatnonzero(coordinates.is_locked).tolist():
-            values[k] = coordinates.items[k].getValue(state)
+            values[k] = coordinates.items[k].getValue(self._state)
         coordinates.follow(values)
-        for k, coordinate in enumerate(coordinates.items):
-            # setting a locked coordinate has no effect but a warning
-            if not coordinates.is_locked[k]:
-                coordinate.setValue(state, float(values[k]), False)
-                coordinate.setSpeedValue(state, float(speeds[k]))
-        model.opensim.realizePosition(state)
-        if model.is_constrained and largest_error(state) > POSE_TOLERANCE:
-            model.opensim.assemble(state)
-        model.opensim.realizeVelocity(state)
+        return values
 
     def _contradictions(self) -> FloatArray:
         """Measure by how much dependent speeds contradict the constraints, and correct them if asked."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,14 +23,17 @@ from scso_nlp.opensim.worker.exchange import Job, Result, joined, log_file, read
 MOST_CHARACTERS = 200
 #: Seconds between two progress messages.
 PROGRESS_INTERVAL = 0.1
+#: Exit code of a worker whose parent was killed; nobody reads it.
+PARENT_GONE = 4
 
 
 def main(arguments: list[str]) -> int:
     """Do one share of the job in a folder: the arguments are the folder, which share, and how many."""
     folder, part, parts = Path(arguments[0]), int(arguments[1]), int(arguments[2])
     parent = _talk_to_parent_only(log_file(folder, part))
-    job = read_job(folder)
+    _end_with_parent(folder)
     try:
+        job = read_job(folder)
         write_result(folder, part, work(job, part, parts, parent))
         tell(parent, done=True)
     except ScsoError as error:
@@ -38,6 +43,9 @@ def main(arguments: list[str]) -> int:
     except RuntimeError as error:
         tell(parent, error=EngineError.__name__, message=_plain(str(error), job))
         return 3
+    except BrokenPipeError:
+        # the thread that watches the parent ends this process
+        threading.Event().wait()
     finally:
         sys.stdout.flush()
         parent.flush()
@@ -92,6 +100,18 @@ def _with_file(message: str, job: Job) -> str:
     files = [os.path.basename(value) for value in job.settings.values() if isinstance(value, str)]
     model = os.path.basename(job.settings["model"])
     return message if any(file and file in message for file in files) else f"{model}: {message}"
+
+
+def _end_with_parent(folder: Path) -> None:
+    """Clear the folder away and end when the parent is killed: its end of the standard input closes then."""
+
+    def watch() -> None:
+        while os.read(0, 1):
+            pass
+        shutil.rmtree(folder, ignore_errors=True)
+        os._exit(PARENT_GONE)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _plain(message: str, job: Job) -> str:

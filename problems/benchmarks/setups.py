@@ -1,0 +1,143 @@
+"""Setups for recorded data that come without one, to ask OpenSim and this package the same question."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+#: One CoordinateActuator, without bounds.
+RESERVE = """<CoordinateActuator name="{name}_reserve"><min_control>-Inf</min_control>
+<max_control>Inf</max_control><coordinate>{name}</coordinate><optimal_force>{force}</optimal_force>
+</CoordinateActuator>"""
+LOAD = """<ExternalForce name="{name}"><applied_to_body>{body}</applied_to_body>
+<force_expressed_in_body>ground</force_expressed_in_body>
+<point_expressed_in_body>ground</point_expressed_in_body>
+<force_identifier>{name}_force_v</force_identifier><point_identifier>{name}_force_p</point_identifier>
+<torque_identifier>{name}_torque_</torque_identifier></ExternalForce>"""
+SETUP = """<?xml version="1.0" encoding="UTF-8"?>
+<OpenSimDocument Version="40600"><AnalyzeTool name="{name}">
+<model_file>{model}</model_file><force_set_files>{actuators}</force_set_files>
+<results_directory>Results</results_directory>
+<initial_time>{start}</initial_time><final_time>{end}</final_time>
+<AnalysisSet name="Analyses"><objects><StaticOptimization name="StaticOptimization"><on>true</on>
+<step_interval>{step}</step_interval></StaticOptimization></objects></AnalysisSet>
+<external_loads_file>{loads}</external_loads_file><coordinates_file>{motion}</coordinates_file>
+<lowpass_cutoff_frequency_for_coordinates>{cutoff}</lowpass_cutoff_frequency_for_coordinates>
+</AnalyzeTool></OpenSimDocument>
+"""
+
+
+def write_setups(data: Path, folder: Path) -> list[Path]:
+    """Write setups for the third-party data that have none, and for a knee that leaves its range.
+
+    Parameters
+    ----------
+    data : Path
+        The data sets, one folder each; only read.
+    folder : Path
+        For the files that are written.
+
+    Returns
+    -------
+    list of Path
+    """
+    treadmill, implant, lifting = data / "treadmill", data / "knee_implant", data / "back_lifting"
+    found = []
+    for trial, start, end in (("walk36", 1.0, 1.3), ("run81", 1.0, 1.2)):
+        model = treadmill / "gait2392.osim"
+        feet = {"ground": "calcn_r", "l_ground": "calcn_l"}
+        found.append(
+            _write(
+                folder / f"treadmill_{trial}",
+                model=model,
+                motion=treadmill / trial / "ik.sto",
+                loads=_loads(feet, treadmill / trial / "XLD.mot"),
+                actuators=_reserves(model),
+                start=start,
+                end=end,
+                step=3,
+                cutoff=8,
+            )
+        )
+    text = (implant / "ExternalLoads.xml").read_text(encoding="utf-8")
+    model = implant / "Rajagopal2015-scaled.osim"
+    for trial, changed in (("GC5_ss1", ""), ("GC5_ss3", ""), ("GC5_ss8", ""), ("GC5_ss1", "clamped_")):
+        loads = re.sub(
+            "<datafile>.*?</datafile>", f"<datafile>{implant / trial}_kinetics.mot</datafile>", text
+        )
+        made = folder / f"knee_implant_{changed}{trial}"
+        found.append(
+            _write(
+                made,
+                model=_with_narrow_knees(model, made) if changed else model,
+                motion=implant / f"{trial}.mot",
+                loads=loads,
+                actuators=(implant / "ForceSet.xml").read_text(encoding="utf-8"),
+                start=0.3,
+                end=0.8,
+                step=3,
+                cutoff=6,
+            )
+        )
+    for trial in ("stoop5kg", "stoop15kg"):
+        model = lifting / "lumbarModel_scaled.osim"
+        found.append(
+            _write(
+                folder / f"back_lifting_{trial}",
+                model=model,
+                motion=lifting / trial / "ik.sto",
+                loads="",
+                actuators=_reserves(model),
+                start="-Inf",
+                end="Inf",
+                step=130,
+                cutoff=-1,
+            )
+        )
+    return found
+
+
+def _write(folder: Path, *, loads: str, actuators: str, **settings: object) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "actuators.xml").write_text(actuators, encoding="utf-8")
+    if loads:
+        (folder / "loads.xml").write_text(loads, encoding="utf-8")
+    setup = folder / "setup.xml"
+    text = SETUP.format(
+        name=folder.name, actuators="actuators.xml", loads="loads.xml" if loads else "", **settings
+    )
+    setup.write_text(text, encoding="utf-8")
+    return setup
+
+
+def _loads(bodies: dict[str, str], data: Path) -> str:
+    loads = "".join(LOAD.format(name=name, body=body) for name, body in bodies.items())
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?><OpenSimDocument Version="40600"><ExternalLoads name="loads">'
+        f"<objects>{loads}</objects><datafile>{data}</datafile></ExternalLoads></OpenSimDocument>"
+    )
+
+
+def _reserves(model: Path, force: float = 10.0) -> str:
+    """Return an unbounded actuator for every coordinate of a model without couplers."""
+    names = re.findall(r'<Coordinate name="(.*?)"', model.read_text(encoding="utf-8"))
+    reserves = "".join(RESERVE.format(name=name, force=force) for name in names)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?><OpenSimDocument Version="40600"><ForceSet name="reserves">'
+        f"<objects>{reserves}</objects></ForceSet></OpenSimDocument>"
+    )
+
+
+def _with_narrow_knees(model: Path, folder: Path) -> Path:
+    """Copy a model whose knees may bend from 0.2 to 0.8 rad only, less than they do."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = model.read_text(encoding="utf-8")
+    for side in "rl":
+        start = text.index(f'<Coordinate name="knee_angle_{side}">')
+        end = text.index("</Coordinate>", start)
+        knee = re.sub("<range>.*?</range>", "<range>0.2 0.8</range>", text[start:end])
+        knee = re.sub("<default_value>.*?</default_value>", "<default_value>0.5</default_value>", knee)
+        text = text[:start] + knee + text[end:]
+    copy = folder / model.name
+    copy.write_text(text, encoding="utf-8")
+    return copy

@@ -1,0 +1,319 @@
+r"""Exact optima of convex frames with affine rows, one by one, by a sequence of quadratic programs.
+
+Around a point x every frame is modelled as :math:`\min_z\; g^T (z - x) + \tfrac12 (z - x)^T H (z - x)` with
+its rows and bounds, solved by an active-set method (Arnström, Bemporad and Axehill 2022, IEEE Trans Autom
+Control 67:4362-4369, by its library DAQP), and followed along z - x as far as the objective falls: Newton's
+method on a polytope. IPOPT starts at what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solve.threads import one_thread
+from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.piece import Derivatives, Key, curved, second_order
+from scso_nlp.transcription.turns import part_of
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
+
+#: Frames whose derivatives are evaluated together; bounds the memory.
+_FRAMES_AT_ONCE = 64
+
+#: Most quadratic programs of one frame.
+_MOST_STEPS = 60
+
+#: Curvature that a linear objective is given, over its slope and the size of the unknowns [-].
+_FLATNESS = 0.3
+
+#: How much nearer to a bound the curvature is taken with every step [-].
+_BESIDE = 0.5
+
+#: Most halvings of a step.
+_MOST_HALVINGS = 30
+
+#: A frame whose largest unknown is smaller is solved again on its own scale [-].
+_LEAST_SIZE = 1e-2
+
+#: Scale of frames whose unknowns vanish [-].
+_SMALLEST_SIZE = 1e-12
+
+#: A frame has arrived when a step promises less than this share of its objective [-].
+_LEAST_PROMISE = 1e-13
+
+#: Least curvature of an unknown over the largest of the frame, and where the method fails with it [-].
+_LEAST_CURVATURE = (1e-7, 1e-5, 1e-3)
+
+#: Of the step's promise, what has to be kept [-].
+_KEPT_PROMISE = 1e-4
+
+#: Sides of an active-set program that are solved to this much of the frame's scale [-].
+_TOLERANCE = 1e-8
+
+#: Steps that take back what rounding has missed, and their regularization [-].
+_SETTLING_STEPS, _RIDGE = 4, 1e-12
+
+_EQUATION, _INEQUALITY = 5, 0
+#: Flags of DAQP: optimal, to rounding only, infeasible.
+_OPTIMAL, _ROUNDED, _INFEASIBLE = 1, 4, -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Where IPOPT starts.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (n_frames, n_unknowns)
+        Scaled.
+    multipliers : ndarray, shape (n_frames, n_rows)
+        Of the rows, in the solver's sign and scale, for the objective without weights.
+    reduced_cost : ndarray, shape (n_frames, n_unknowns)
+        Gradient of the Lagrangian without bounds: what the bounds have to hold.
+    is_optimal : ndarray of bool, shape (n_frames,)
+        Frames that are at their optimum; the others are where they began, without multipliers.
+    is_doubtful : ndarray of bool, shape (n_frames,)
+        Frames whose rows the active-set method found contradictory.
+    """
+
+    unknowns: FloatArray
+    multipliers: FloatArray
+    reduced_cost: FloatArray
+    is_optimal: BoolArray
+    is_doubtful: BoolArray
+
+
+def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Start:
+    """Solve frames one by one, where rows are affine and the objective is convex.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    start : ndarray, shape (n_frames, n_unknowns)
+        Scaled unknowns to begin with.
+    frames : ndarray of int
+        Which to solve; none are where frames are coupled or rows are not affine.
+
+    Returns
+    -------
+    Start
+    """
+    n = len(start)
+    unknowns, reduced = start.copy(), np.zeros_like(start)
+    multipliers = np.zeros((n, len(program.rows)))
+    solved, doubtful = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    if program.is_coupled or program.split.nonlinear:
+        return Start(
+            unknowns=unknowns,
+            multipliers=multipliers,
+            reduced_cost=reduced,
+            is_optimal=solved,
+            is_doubtful=doubtful,
+        )
+    objective = _Objective.of(program)
+    for part in np.array_split(frames, max(1, -(-frames.size // _FRAMES_AT_ONCE))):
+        block = _Block(program, objective, part, start[part])
+        with one_thread():
+            block.solve()
+            block.settle()
+        unknowns[part] = block.unknowns
+        multipliers[np.ix_(part, program.split.affine.rows)] = block.multipliers
+        solved[part], doubtful[part] = ~block.is_contradicted, block.is_contradicted
+        reduced[part] = block.reduced_cost()
+    worst = optimality_of(program, unknowns, (multipliers, np.zeros((max(n - 1, 0), 0))), solved).worst
+    optimal = solved & (np.nan_to_num(worst, nan=np.inf) <= OPTIMALITY_TOLERANCE)
+    return Start(
+        unknowns=np.where(optimal[:, None], unknowns, start),
+        multipliers=np.where(optimal[:, None], multipliers, 0.0),
+        reduced_cost=reduced,
+        is_optimal=optimal,
+        is_doubtful=doubtful,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Objective:
+    """Objectives of one frame with their derivatives."""
+
+    costs: tuple[Derivatives, ...]
+    is_quadratic: bool
+    is_separable: bool
+
+    @classmethod
+    def of(cls, program: FrameProgram) -> _Objective:
+        costs = tuple(second_order(piece) for _, piece in program.objectives)
+        bent = (any(curved(cost.values, cost.piece.unknowns[0])) for cost in costs)
+        separable = all((cost.row == cost.column).all() for cost in costs)
+        return cls(costs=costs, is_quadratic=not any(bent), is_separable=separable)
+
+    def values(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
+        """Value in each frame, shape (n_frames,)."""
+        parts = [cost.piece.values(unknowns, arrays)[:, 0] for cost in self.costs]
+        return np.sum(parts, axis=0) if parts else np.zeros(len(unknowns))
+
+    def near(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n_frames, n) and Hessian at a point: (n_frames, n, n), or (n_frames, n) if separable."""
+        n_frames, n = unknowns.shape
+        gradient = np.zeros((n_frames, n))
+        hessian = np.zeros((n_frames, n) if self.is_separable else (n_frames, n, n))
+        for cost in self.costs:
+            first, second = cost.at(unknowns, arrays)
+            gradient += first
+            where = (cost.row,) if self.is_separable else (cost.row, cost.column)
+            hessian[:, *where] += second
+        return gradient, hessian
+
+
+class _Block:
+    """Some frames on their way to their optima."""
+
+    def __init__(
+        self, program: FrameProgram, objective: _Objective, frames: IntArray, start: FloatArray
+    ) -> None:
+        affine, table = program.split.affine.frames(frames), program.rows
+        self.objective, self.arrays = objective, part_of(program, frames)
+        self.lower, self.upper = (bound[frames] for bound in program.bounds())
+        self.used = ~affine.is_empty
+        self.matrix = affine.dense(program.layout.size)
+        length = np.abs(self.matrix).max(axis=2, initial=0.0)
+        self.length = np.where(length > 0, length, 1.0)
+        self.matrix /= self.length[:, :, None]
+        self.least, self.most = (
+            (bound[affine.rows] - affine.constant) / self.length for bound in (table.lower, table.upper)
+        )
+        self.unknowns, self.multipliers = start.copy(), np.zeros(self.used.shape)
+        self.is_contradicted = np.zeros(frames.size, dtype=bool)
+        self.is_feasible = self._missed() <= _TOLERANCE
+
+    def solve(self) -> None:
+        """Take steps in all frames together until each has arrived or is given up."""
+        going = np.ones(len(self.unknowns), dtype=bool)
+        if not self.objective.is_quadratic:
+            self._make_feasible()
+            going = self.is_feasible.copy()
+        for n_steps in range(_MOST_STEPS):
+            if not going.any():
+                return
+            gradient, hessian = self.objective.near(self.unknowns, self.arrays)
+            if not np.isfinite(hessian).all():
+                # powers below 2 have no curvature at zero: that of a point beside it, nearer with every step
+                size = np.abs(self.unknowns).max(axis=1, initial=0.0, keepdims=True)
+                beside = np.maximum(self.unknowns, np.minimum(size * _BESIDE**n_steps, self.upper))
+                _, hessian = self.objective.near(beside, self.arrays)
+            step, is_exact = np.zeros_like(self.unknowns), np.zeros(going.size, dtype=bool)
+            for k in np.flatnonzero(going):
+                target, is_exact[k] = self._target(int(k), gradient[k], hessian[k])
+                going[k] = target is not None
+                if target is not None:
+                    step[k] = target - self.unknowns[k]
+            self._follow(step, gradient, going)
+            going &= ~is_exact
+
+    def _make_feasible(self) -> None:
+        """Move frames that do not keep their rows to the point nearest to zero that does."""
+        nothing, identity = np.zeros(self.unknowns.shape[1]), np.ones(self.unknowns.shape[1])
+        for k in np.flatnonzero(~self.is_feasible):
+            here, self.unknowns[k] = self.unknowns[k].copy(), 0.0
+            target, _ = self._target(int(k), nothing, identity)
+            self.unknowns[k] = here if target is None else target
+            self.is_feasible[k] = target is not None
+
+    def _follow(self, step: FloatArray, gradient: FloatArray, going: BoolArray) -> None:
+        """Follow the steps as far as the objective falls; frames whose step promises nothing have arrived."""
+        here = self.objective.values(self.unknowns, self.arrays)
+        promise = -(gradient * step).sum(axis=1)
+        length = np.where(going, 1.0, 0.0)
+        for _ in range(_MOST_HALVINGS):
+            there = self.objective.values(self.unknowns + length[:, None] * step, self.arrays)
+            enough = there <= here - _KEPT_PROMISE * length * promise
+            short = going & self.is_feasible & ~enough & (promise > _LEAST_PROMISE * np.abs(here))
+            if not short.any():
+                break
+            length[short] /= 2
+        self.unknowns += length[:, None] * step
+        going &= ~self.is_feasible | (promise > _LEAST_PROMISE * np.abs(here))
+        self.is_feasible |= length == 1
+
+    def _target(self, k: int, gradient: FloatArray, hessian: FloatArray) -> tuple[FloatArray | None, bool]:
+        """Solve the quadratic model of one frame; None where it has no optimum, and whether it is exact."""
+        here, used = self.unknowns[k], self.used[k]
+        size = max(float(np.abs(here).max(initial=0.0)) or 1.0, _SMALLEST_SIZE)
+        is_diagonal = hessian.ndim == 1
+        curvature = hessian if is_diagonal else np.diagonal(hessian)
+        most = curvature.max(initial=0.0)
+        is_finite = np.isfinite(gradient).all() and np.isfinite(hessian).all()
+        if not (is_finite and curvature.min(initial=0.0) >= 0):
+            return None, False
+        if most == 0:
+            most = _FLATNESS * np.abs(gradient).max(initial=0.0) / size or 1.0
+        lower = np.append(self.lower[k], self.least[k, used])
+        upper = np.append(self.upper[k], self.most[k, used])
+        is_equation = np.where(lower == upper, _EQUATION, _INEQUALITY).astype(np.int32)
+        is_exact = self.objective.is_quadratic and size > _LEAST_SIZE and is_diagonal
+        for share in _LEAST_CURVATURE:
+            if is_diagonal:
+                raised = np.maximum(curvature, share * most)
+                matrix, linear = np.diag(raised / most), gradient - raised * here
+                is_exact = is_exact and bool((raised == curvature).all())
+            else:
+                raised = hessian + share * most * np.eye(curvature.size)
+                matrix, linear = raised / most, gradient - raised @ here
+            found, _, flag, info = daqp.solve(
+                matrix,
+                linear / (most * size),
+                self.matrix[k, used],
+                upper / size,
+                lower / size,
+                is_equation,
+                primal_start=here / size,
+                primal_tol=_TOLERANCE,
+            )
+            if flag in (_OPTIMAL, _ROUNDED):
+                self.multipliers[k] = 0.0
+                self.multipliers[k, used] = most * size * info["lam"][here.size :] / self.length[k, used]
+                return np.clip(size * found, self.lower[k], self.upper[k]), is_exact
+        self.is_contradicted[k] = flag == _INFEASIBLE
+        return None, False
+
+    def settle(self) -> None:
+        """Take back what active rows miss by rounding, by the shortest way of the unknowns between bounds.
+
+        The solver of the whole program would take a Newton step for it, and a flat objective makes that long.
+        """
+        for _ in range(_SETTLING_STEPS):
+            x = self.unknowns
+            value = np.einsum("kri,ki->kr", self.matrix, x)
+            aim = np.clip(value, self.least, self.most)
+            pushed = self.multipliers != 0
+            aim = np.where(pushed & (self.multipliers < 0), self.least, aim)
+            aim = np.where(pushed & (self.multipliers > 0), self.most, aim)
+            is_tight = self.used & (pushed | (aim != value))
+            left = np.where(is_tight & np.isfinite(aim), aim - value, 0.0)
+            near = _TOLERANCE * np.abs(x).max(axis=1, initial=0.0, keepdims=True)
+            free = (x > self.lower + near) & (x < self.upper - near)
+            tight = self.matrix * is_tight[:, :, None] * free[:, None, :]
+            gram = tight @ tight.transpose(0, 2, 1)
+            size = np.einsum("krr->kr", gram)
+            ridge = np.where(size > 0, _RIDGE * size, 1.0)
+            weight = np.linalg.solve(gram + ridge[:, :, None] * np.eye(size.shape[1]), left[:, :, None])
+            shift = np.einsum("kri,kr->ki", tight, weight[:, :, 0])
+            self.unknowns = np.clip(x + shift, self.lower, self.upper)
+
+    def reduced_cost(self) -> FloatArray:
+        """Gradient of the objective and what the rows push with, shape (n_frames, n_unknowns)."""
+        gradient, _ = self.objective.near(self.unknowns, self.arrays)
+        return gradient + np.einsum("kri,kr->ki", self.matrix, self.multipliers * self.length)
+
+    def _missed(self) -> FloatArray:
+        """Largest amount by which a row or bound is missed, over the size of the row, shape (n_frames,)."""
+        x = self.unknowns
+        value = np.einsum("kri,ki->kr", self.matrix, x)
+        rows = np.where(self.used, np.maximum(self.least - value, value - self.most), 0.0)
+        bounds = np.maximum(self.lower - x, x - self.upper)
+        size = np.abs(x).max(axis=1, initial=0.0)
+        missed = np.maximum(rows.max(axis=1, initial=0.0), bounds.max(axis=1, initial=0.0))
+        return np.divide(missed, size, out=np.where(missed > 0, np.inf, 0.0), where=size > 0)

@@ -1,0 +1,297 @@
+"""Runs that are stopped at random moments: what was there stays, what is new is whole, nothing else is left.
+
+Seeded and few by default; ``SCSO_STOPS=40 pytest tests/robustness/test_stops.py -s`` tries so many of each
+and prints what became of them.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scso_nlp.examples import example_folder
+
+pytestmark = [
+    pytest.mark.opensim,
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds processes in /proc"),
+]
+
+#: How many moments are tried of each kind.
+NUMBER = int(os.environ.get("SCSO_STOPS", "1"))
+#: What becomes of a run that was not stopped in time.
+FINISHED = "finished before"
+SCSO = str(Path(sys.executable).with_name("scso"))
+RUN = ["run", "setup.xml", "--output", "results", "--processes", "2", "--exponent", "3"]
+SHELL = [SCSO, *RUN]
+
+#: The same in Python; ends with 130 if it was interrupted.
+SCRIPT = """
+import sys
+try:
+    import scso_nlp as scso
+    motion = scso.load_motion("setup.xml", processes=2)
+    problem = scso.static_optimization(motion, muscle_model=scso.NoPhysiology(), exponent=3.0)
+    scso.write_solution(scso.solve_trajectory(problem), "results")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+PYTHON = [sys.executable, "-c", SCRIPT]
+
+#: The command, with a worker's silence ended after two seconds.
+IMPATIENT = """
+import sys
+import scso_nlp.opensim.crew as crew
+crew.SILENCE, crew.TICK, crew.PATIENCE = 2.0, 0.2, 0.5
+from scso_nlp.cli import app
+app(sys.argv[1:])
+"""
+
+
+class Trial:
+    """A folder with a setup and earlier results, and a temporary folder of its own."""
+
+    def __init__(self, folder: Path, example: Path) -> None:
+        self.folder = Path(shutil.copytree(example, folder / "trial"))
+        self.temporary = folder / "temporary"
+        self.temporary.mkdir()
+        self.before = self.results()
+
+    def start(
+        self, command: list[str], prepare: Callable[[], object] = lambda: None
+    ) -> subprocess.Popen[str]:
+        """Start a command in a process group of its own, with the signals as a terminal leaves them."""
+
+        def as_from_a_terminal() -> None:
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, signal.SIG_DFL)
+            prepare()
+
+        return subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=os.environ | {"TMPDIR": str(self.temporary), "MPLBACKEND": "agg"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            preexec_fn=as_from_a_terminal,
+        )
+
+    def results(self) -> dict[str, bytes]:
+        folder = self.folder / "results"
+        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+    def workers(self) -> list[int]:
+        """Processes that work in the temporary folder."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                is_zombie = "\nState:\tZ" in (path / "status").read_text()
+                if not is_zombie and f"{self.temporary}/scso_".encode() in (path / "cmdline").read_bytes():
+                    found.append(int(path.name))
+        return sorted(found)
+
+    def what_is_wrong(self) -> str:
+        """Say what stands half or is left behind, empty if nothing."""
+        if self.workers():
+            return "a worker is left"
+        if left := sorted(path.name for path in self.temporary.iterdir()):
+            return f"temporary files are left: {left}"
+        if {path.name for path in self.folder.iterdir()} != {path.name for path in INPUTS.iterdir()} | {
+            "results"
+        }:
+            return "something is left beside the results"
+        return self.what_is_wrong_with_the_results()
+
+    def what_is_wrong_with_the_results(self) -> str:
+        found = self.results()
+        if found == self.before:
+            return ""
+        if hidden := [name for name in found if Path(name).name.startswith(".") or "/." in name]:
+            return f"hidden files are left: {hidden}"
+        if "report.json" not in found:
+            return "results without a report"
+        report = json.loads(found.pop("report.json"))
+        if report["objective"]["terms"] == json.loads(self.before["report.json"])["objective"]["terms"]:
+            return "an earlier report with other files"
+        for name, digest in report["files_sha256"].items():
+            if hashlib.sha256(found.pop(name)).hexdigest() != digest:
+                return f"{name} is not of this report"
+        # figures come after the report
+        ends = {".png": b"IEND\xaeB`\x82", ".pdf": b"%%EOF\n"}
+        half = [name for name, text in found.items() if not text.endswith(ends.get(Path(name).suffix, b"\0"))]
+        return f"neither of the report nor a whole figure: {half}" if half else ""
+
+
+INPUTS = example_folder("spine-load-height")
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of an example with results of the exponent 2."""
+    folder = Path(shutil.copytree(INPUTS, tmp_path_factory.mktemp("stops") / "example"))
+    subprocess.run([*SHELL[:-1], "2"], cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def duration(example: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, float]:
+    """How long the commands take when nobody stops them [s]."""
+    found = {}
+    for name, command in (("shell", SHELL), ("python", PYTHON)):
+        trial = Trial(tmp_path_factory.mktemp(name), example)
+        started = time.monotonic()
+        process = trial.start(command)
+        assert process.communicate()[1] == ""
+        found[name] = time.monotonic() - started
+        assert process.returncode == 0
+        assert trial.what_is_wrong() == ""
+        assert trial.results() != trial.before
+    return found
+
+
+def moments(kind: str, longest: float) -> list[float]:
+    """Random moments of a kind [s]."""
+    seed = int.from_bytes(hashlib.sha256(kind.encode()).digest()[:4])
+    return np.random.default_rng(seed).uniform(0.0, longest, NUMBER).tolist()
+
+
+def as_a_shell_has_it(code: int) -> int:
+    return 128 - code if code < 0 else code
+
+
+def tell(kind: str, outcomes: collections.Counter[str]) -> None:
+    if NUMBER > 1:
+        print(f"\n{kind}: " + ", ".join(f"{n} {what}" for what, n in sorted(outcomes.items())))
+
+
+@pytest.mark.parametrize("whom", ["alone", "group"])
+@pytest.mark.parametrize(
+    ("way", "number"),
+    [("shell", "SIGINT"), ("shell", "SIGTERM"), ("shell", "SIGHUP"), ("python", "SIGINT")],
+)
+def test_a_signal_at_any_moment(tmp_path, example, duration, way, number, whom):
+    kind, number = f"{number} to {way}, {whom}", signal.Signals[number]
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind, duration[way])):
+        trial = Trial(tmp_path / str(k), example)
+        process = trial.start(SHELL if way == "shell" else PYTHON)
+        time.sleep(moment)
+        (os.kill if whom == "alone" else os.killpg)(process.pid, number)
+        _, words = process.communicate(timeout=60)
+        code = as_a_shell_has_it(process.returncode)
+        what = trial.what_is_wrong()
+        outcome = "earlier results" if trial.results() == trial.before else "new results"
+        if code == 0 and outcome == "new results":
+            outcome = FINISHED
+        elif code != 128 + number:
+            what = what or f"exit code {code}"
+        outcomes[outcome] += 1
+        if what:
+            wrong[moment] = f"{what}\n{words}"
+        shutil.rmtree(trial.folder.parent)
+    tell(kind, outcomes)
+    assert not wrong
+
+
+def wait_for_end_of_workers(trial: Trial) -> None:
+    until = time.monotonic() + 20
+    while trial.workers() and time.monotonic() < until:
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("way", ["shell", "python"])
+def test_a_killed_program_leaves_no_worker_and_the_next_run_is_as_if_nothing_had_been(
+    tmp_path, example, duration, way
+):
+    kind = f"SIGKILL to {way}"
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind, duration[way])):
+        trial = Trial(tmp_path / str(k), example)
+        command = SHELL if way == "shell" else PYTHON
+        process = trial.start(command)
+        time.sleep(moment)
+        process.kill()
+        process.communicate(timeout=60)
+        wait_for_end_of_workers(trial)
+        what = "a worker is left" if trial.workers() else ""
+        is_clear = not what and not trial.what_is_wrong()
+        outcomes["nothing left" if is_clear else "left to the next run"] += 1
+        after = trial.start(command)
+        _, words = after.communicate(timeout=120)
+        what = what or trial.what_is_wrong()
+        if after.returncode != 0 or words or trial.results() == trial.before:
+            what = what or f"exit code {after.returncode}"
+        if what:
+            wrong[moment] = f"{what}\n{words}"
+        shutil.rmtree(trial.folder.parent)
+    tell(kind, outcomes)
+    assert not wrong
+
+
+@pytest.mark.parametrize("number", ["SIGKILL", "SIGSTOP"])
+def test_a_worker_that_is_killed_or_stopped_ends_the_run_with_a_sentence(tmp_path, example, number):
+    kind = f"{number} to a worker"
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind, 1.0)):
+        trial = Trial(tmp_path / str(k), example)
+        process = trial.start([sys.executable, "-c", IMPATIENT, *RUN])
+        while process.poll() is None and not (workers := trial.workers()):
+            time.sleep(0.01)
+        time.sleep(moment)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(workers[-1], signal.Signals[number])
+        _, words = process.communicate(timeout=60)
+        what = trial.what_is_wrong()
+        reason = "was ended by SIGKILL" if number == "SIGKILL" else "got no further for 2 s"
+        is_told = words.startswith("error: OpenSim worker ") and reason in words and words.count("\n") == 1
+        if process.returncode == 0 and not words:
+            outcomes[FINISHED] += 1
+        else:
+            outcomes["one sentence"] += 1
+            if process.returncode != 2 or not is_told or trial.results() != trial.before:
+                what = what or f"exit code {process.returncode}"
+        if what:
+            wrong[moment] = f"{what}\n{words}"
+        shutil.rmtree(trial.folder.parent)
+    tell(kind, outcomes)
+    assert not wrong
+
+
+def test_a_disk_that_is_full_at_any_size_is_one_sentence(tmp_path, example):
+    """No file may be longer than so many bytes: which one is cut off depends on it."""
+    resource = pytest.importorskip("resource")
+    outcomes, wrong = collections.Counter(), {}
+    for k, size in enumerate(np.exp(moments("full disk", np.log(1e5))).astype(int).tolist()):
+        trial = Trial(tmp_path / str(k), example)
+        limit = (resource.RLIMIT_FSIZE, (size, size))
+        process = trial.start([*SHELL, "--no-figures"], lambda limit=limit: resource.setrlimit(*limit))
+        _, words = process.communicate(timeout=60)
+        what = trial.what_is_wrong()
+        if process.returncode == 0:
+            outcomes[FINISHED] += 1
+        else:
+            outcomes["one sentence"] += 1
+            is_told = words.startswith("error: ") and words.count("\n") == 1
+            if process.returncode != 2 or not is_told or trial.results() != trial.before:
+                what = what or f"exit code {process.returncode}"
+        if what:
+            wrong[size] = f"{what}\n{words}"
+        shutil.rmtree(trial.folder.parent)
+    tell("no file longer than", outcomes)
+    assert not wrong
