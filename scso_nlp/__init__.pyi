@@ -12,6 +12,7 @@ from .contributions import Contributions as Contributions
 from .contributions import equivalent_q as equivalent_q
 from .contributions import mode_contributions as mode_contributions
 from .contributions import row_contributions as row_contributions
+from .exceptions import ArgumentError as ArgumentError
 from .exceptions import CouplingError as CouplingError
 from .exceptions import DataError as DataError
 from .exceptions import EngineError as EngineError

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError, ProblemError
@@ -21,6 +22,7 @@ _LEAST_FORCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Contributions:
     """What every muscle gives to every row; with `constant` the shares add up to the row's value.
 
@@ -55,6 +57,7 @@ class Contributions:
         return self.of_muscles.sum(axis=2) + self.constant
 
 
+@checked
 def row_contributions(solution: Solution, name: str | None = None) -> Contributions:
     """Split the rows of a stability constraint by muscle; of the full Hessian each coordinate alone.
 
@@ -92,6 +95,7 @@ def row_contributions(solution: Solution, name: str | None = None) -> Contributi
     )
 
 
+@checked
 def mode_contributions(solution: Solution, name: str | None = None) -> Contributions:
     """Split the smallest eigenvalue of the full Hessian minus its levels by muscle.
 
@@ -132,6 +136,7 @@ def mode_contributions(solution: Solution, name: str | None = None) -> Contribut
     )
 
 
+@checked
 def equivalent_q(solution: Solution, name: str | None = None) -> FloatArray:
     """Muscle stiffness as the gain q of stiffness proportional to force, k = q F / L.
 

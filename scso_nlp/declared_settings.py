@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import absolute
+from scso_nlp.text import number, shown
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,17 @@ def _table_or_text(text: str) -> dict[str, float] | str:
     if "=" not in text:
         return text
     pairs = [part.rsplit("=", 1) for part in text.split(",")]
-    return {name.strip(): float(value) for name, value in pairs}
+    return {name.strip(): number(value) for name, value in pairs}
 
 
 def _table_or_number(text: str) -> dict[str, float] | float:
     read = _table_or_text(text)
-    return float(read) if isinstance(read, str) else read
+    return number(read) if isinstance(read, str) else read
+
+
+def _whole_number(text: str) -> int:
+    number(text)
+    return int(text)
 
 
 def _one_of(*names: str) -> Kind:
@@ -103,8 +110,11 @@ _TABLE = 'a table { "name" = number, ... }'
 
 FLAG = Kind(bool, "true or false")
 TEXT = Kind(str, "text in quotes", "TEXT")
-NUMBER = Kind(float, "a number", "NUMBER", float)
-COUNT = Kind(int, "a whole number of at least 1", "COUNT", int, accepts=lambda count: count >= 1)
+NUMBER = Kind(float, "a number", "NUMBER", number)
+COUNT = Kind(
+    int, "a whole number of at least 1, at most 2147483647", "COUNT", _whole_number,
+    accepts=lambda count: 1 <= count < 2**31,  # what IPOPT can count to
+)  # fmt: skip
 PATH = Kind(str, "a path in quotes", "PATH", accepts=str.strip, is_path=True)
 PATHS = Kind(
     list[str], "a list of paths", "PATH,...", _list,
@@ -204,7 +214,9 @@ class Setting:
             if kind.accepts and not kind.accepts(read):
                 raise ValueError("of the right type, but not what is expected")
         except ValueError:
-            raise DataError(f"{where}: {self.name} is {found!r}, expected {kind.expected} ({hint})") from None
+            raise DataError(
+                f"{where}: {self.name} is {shown(found)}, expected {kind.expected} ({hint})"
+            ) from None
         return _absolute(folder, read) if kind.is_path else tuple(read) if isinstance(read, list) else read
 
 
@@ -222,7 +234,7 @@ def _plain(value: Any) -> Any:
 def _absolute(folder: Path, read: Any) -> Any:
     if isinstance(read, list):
         return tuple(_absolute(folder, item) for item in read)
-    return Path(os.path.abspath(folder / Path(read).expanduser())) if isinstance(read, str) else read
+    return absolute(read, folder) if isinstance(read, str) else read
 
 
 MOTION = Group("The motion: an AnalyzeTool setup file, or its parts by name", "motion")

@@ -22,12 +22,36 @@ class NameMismatchError(DataError):
 
 
 class EngineError(ScsoError):
-    """OpenSim refused the input, or its worker process died."""
+    """OpenSim refused the input, its worker process died, or the solver cannot work on this machine."""
 
 
 class ProblemError(ScsoError):
     """A problem description that contradicts itself."""
 
 
+class ArgumentError(DataError, ProblemError):
+    """A value of the wrong type was given to a function or a data class."""
+
+
 class CouplingError(ProblemError):
     """A term that couples frames was given to the frame-wise solver."""
+
+
+def loading_fault(error: ImportError) -> str:
+    """Say why CasADi cannot be loaded where OpenSim's copy of its library came first; else empty.
+
+    Parameters
+    ----------
+    error : ImportError
+
+    Returns
+    -------
+    str
+    """
+    if "casadi" not in str(error):
+        return ""
+    return (
+        "CasADi cannot be loaded, because OpenSim has a library of the same name: import scso_nlp in a "
+        "process that does not import opensim (load_motion starts its own), and take OpenSim's folder out of "
+        f"LD_LIBRARY_PATH (what the system says: {error})"
+    )

@@ -1,15 +1,159 @@
-"""Files written whole or not at all, and the hash that tells whether one is still the same."""
+"""Files found, read, written whole or not at all, and told apart by their hash."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import os
+import stat
+import tomllib
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.text import shown
+
+#: Input files beyond this are refused [bytes]: hours of motion or raw EMG take a tenth of it.
+LARGEST_FILE = 2**31
+#: Settings and maps beyond this are refused [bytes]; long ones have some hundred lines.
+LARGEST_TOML = 2**24
+#: Motions and analyses have shorter names [bytes]: names of files, with both of them, may have 255.
+LONGEST_NAME = 100
+#: As much of the end of a file's name stands in that of the temporary file beside it.
+FILE_NAME = 40
+
+
+def absolute(path: str | os.PathLike[str], folder: str | os.PathLike[str] = "") -> Path:
+    """Give the absolute path of what a user names.
+
+    Parameters
+    ----------
+    path : str or path-like
+        May start with ``~`` or ``~user``.
+    folder : str or path-like
+        What a relative path is relative to; the working folder by default.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    DataError
+        A user that is not known, or a zero byte.
+    """
+    text = os.path.expanduser(os.fspath(path))
+    if "\0" in text:
+        raise DataError(f"the path {text!r} holds a zero byte, which no path can")
+    if text.startswith("~"):
+        raise DataError(f"{text}: no user has this home folder; write ./{text} if the name starts with ~")
+    return Path(os.path.abspath(os.path.join(folder, text)))
+
+
+def check_name(name: str) -> None:
+    """Check that files may be called after a motion or an analysis.
+
+    Raises
+    ------
+    DataError
+        Empty, hidden, too long, or with signs that some system does not allow.
+    """
+    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or not c.isprintable() for c in name):
+        raise DataError(
+            f"the name {name!r} cannot start a file name, expected printable characters without slashes"
+        )
+    if len(name.encode()) > LONGEST_NAME:
+        raise DataError(
+            f"the name {shown(name)} has {len(name)} letters, expected at most {LONGEST_NAME} to "
+            "start a file name"
+        )
+
+
+@contextlib.contextmanager
+def refused(path: object, how: str) -> Iterator[None]:
+    """Turn what the operating system refuses into a sentence about a path.
+
+    Parameters
+    ----------
+    path : object
+        What the sentence begins with.
+    how : str
+        How it goes on, e.g. ``"cannot be written"``.
+
+    Raises
+    ------
+    DataError
+        The reason is the operating system's.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"{path} {how}: {error.strerror or error}") from None
+    except ValueError as error:
+        if "null byte" not in str(error) and "null character" not in str(error):
+            raise
+        raise DataError(f"the path {str(path)!r} holds a zero byte, which no path can") from None
+
+
+def require_file(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> None:
+    """Check that a path is a file that can be read to its end: no folder, no device, no pipe.
+
+    Parameters
+    ----------
+    path : str or path-like
+    largest : int [bytes]
+
+    Raises
+    ------
+    DataError
+        It is not there, must not be looked at, is no regular file, or is larger.
+    """
+    with refused(path, "cannot be read"):
+        try:
+            found = os.stat(path)
+        except (FileNotFoundError, NotADirectoryError):
+            raise DataError(f"{path} does not exist") from None
+    if not stat.S_ISREG(found.st_mode):
+        raise DataError(f"{path} is not a file")
+    if found.st_size > largest:
+        raise DataError(f"{path} has {found.st_size / 1e6:.0f} MB, expected at most {largest / 1e6:.0f} MB")
+
+
+def read_bytes(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> bytes:
+    """Read an input file; see :func:`require_file` for what is refused.
+
+    Parameters
+    ----------
+    path : str or path-like
+    largest : int [bytes]
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    """
+    require_file(path, largest)
+    with refused(path, "cannot be read"), open(path, "rb") as file:
+        return file.read()
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder and those above it; one that is there stays.
+
+    Raises
+    ------
+    DataError
+        It cannot be made; the reason is the operating system's.
+    """
+    with refused(path, "cannot be made"):
+        os.makedirs(path, exist_ok=True)
+
 
 try:
     import fcntl
@@ -38,15 +182,71 @@ def write_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         The file cannot be written; the reason is the operating system's.
     """
     path = Path(path)
-    temporary = path.with_name(f".{uuid.uuid4().hex}.{path.name}")
+    temporary = path.parent / f".{uuid.uuid4().hex}.{path.name[-FILE_NAME:]}"
     try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
+        with refused(path, "cannot be written"):
+            yield temporary
+            os.replace(temporary, path)
     finally:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):
             temporary.unlink()
+
+
+def read_text(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> str:
+    """Read a text file in UTF-8, with or without byte order mark.
+
+    Parameters
+    ----------
+    path : str or path-like
+    largest : int [bytes]
+
+    Returns
+    -------
+    str
+        Line ends as they are.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    FileFormatError
+        Not UTF-8.
+    """
+    content = read_bytes(path, largest).removeprefix(b"\xef\xbb\xbf")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileFormatError(
+            f"{path} is not text in UTF-8: its line {line} holds the byte {content[error.start]:#x}"
+        ) from None
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    dict of str to object
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    FileFormatError
+        Not TOML.
+    """
+    text = read_text(path, LARGEST_TOML)
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:
+        raise FileFormatError(f"{path} is not TOML: {error}") from None
+    except RecursionError:
+        raise FileFormatError(f"{path} is not TOML that can be read: it is nested too deeply") from None
 
 
 def sha256(path: str | os.PathLike[str]) -> str:
@@ -66,11 +266,8 @@ def sha256(path: str | os.PathLike[str]) -> str:
     DataError
         The file cannot be read.
     """
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    with refused(path, "cannot be read"), open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def hashes(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.motion import Motion
 from scso_nlp.validation import FloatArray
 
@@ -38,6 +39,7 @@ class Term:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class VariableSpec:
     """Unknowns that a term or muscle model adds to every frame.
 
@@ -62,6 +64,7 @@ class VariableSpec:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MuscleState:
     """What the muscle model says of one frame; columns of shape (n_muscles, 1).
 
@@ -82,6 +85,7 @@ class MuscleState:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Frame:
     """Symbols of one frame. Columns of shape (n, 1) unless a shape is given.
 
@@ -120,6 +124,7 @@ class Frame:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Rows:
     """Inequalities or equations: ``lower <= value <= upper``, row by row.
 
@@ -150,6 +155,7 @@ class Rows:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MatrixRows:
     r"""A matrix inequality: ``value - diag(lower)`` is positive semi-definite.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.motion import Motion
@@ -13,6 +14,7 @@ from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
 
 
+@checked
 def static_optimization(
     motion: Motion, *, muscle_model: MuscleModel | None = None, exponent: float = 2.0
 ) -> MuscleForceProblem:
@@ -42,6 +44,7 @@ def static_optimization(
     )
 
 
+@checked
 def stability_constrained_static_optimization(
     motion: Motion,
     *,

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
+from scso_nlp.arguments import checked
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
 from scso_nlp.validation import same_names
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Motion:
     """Time series of a motion, and the constants of the muscles and actuators that make it.
 

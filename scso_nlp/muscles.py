@@ -12,11 +12,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
 from scso_nlp.validation import FloatArray, read_only, unique_names
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MuscleParameters:
     """Constants of every muscle, as OpenSim uses them after its own finalize step.
 
@@ -98,6 +100,7 @@ class MuscleParameters:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ActuatorParameters:
     """Reserve, residual and other scalar actuators that are not muscles.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.arguments import checked_as
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
@@ -20,6 +21,7 @@ from scso_nlp.trajectory import time_text
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_as(objectives=Iterable)
 class MuscleForceProblem:
     r"""Find activations and controls of every frame that cost least and keep every row.
 
@@ -54,16 +56,10 @@ class MuscleForceProblem:
         set_field = object.__setattr__
         set_field(self, "objectives", tuple(_as_objective(term) for term in self.objectives))
         set_field(self, "constraints", tuple(self.constraints))
-        kept = {getattr(term, "name", None) for term in self.constraints}
-        set_field(self, "observed", tuple(t for t in self.observed if getattr(t, "name", None) not in kept))
+        kept = {term.name for term in self.constraints}
+        set_field(self, "observed", tuple(t for t in self.observed if t.name not in kept))
         if not self.objectives:
             raise ProblemError("the problem has no objective, expected at least one, e.g. ActivationEffort()")
-        for term in self.constraints:
-            if not isinstance(term, FrameConstraint | FramePairConstraint):
-                raise ProblemError(f"{term!r} is neither a FrameConstraint nor a FramePairConstraint")
-        for term in self.observed:
-            if not isinstance(term, FrameConstraint):
-                raise ProblemError(f"{term!r} cannot be observed, expected a FrameConstraint")
         names = [term.name for term in self.terms]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

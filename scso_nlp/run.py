@@ -5,9 +5,11 @@ from __future__ import annotations
 import functools
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.coordinate_stability import CoordinateStability
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.joint_stability import JointStability
@@ -16,6 +18,7 @@ from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.engine import load_with_hashes
+from scso_nlp.opensim.model_names import model_names
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.folder import holds_nothing_of_others
 from scso_nlp.report.results import RunRecord, own_files, write_where_free
@@ -24,6 +27,7 @@ from scso_nlp.solution import Solution
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RunResult:
     """A solved motion with all that its report says.
 
@@ -53,6 +57,7 @@ class RunResult:
         return self.solution.verdict.lines(self.baseline.verdict if self.baseline else None)
 
 
+@checked
 def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResult:
     """Extract the motion, solve it, and solve it without stability rows for comparison.
 
@@ -95,6 +100,41 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
 
 
+def check_names(settings: RunSettings) -> None:
+    """Hold the names of muscles, joints and coordinates against the model's files, before OpenSim starts.
+
+    Parameters
+    ----------
+    settings : RunSettings
+
+    Raises
+    ------
+    NameMismatchError
+        A name or pattern that fits none; the closest are suggested.
+    DataError
+        A file that cannot be read.
+    """
+    names = model_names(settings.motion)
+    if isinstance(settings.weights, Mapping):
+        names.require("muscle or actuator", settings.weights, names.forces)
+    stability = settings.stability
+    if stability is None:
+        return
+    if isinstance(stability.q, Mapping):
+        names.require("muscle", stability.q, names.muscles)
+    if isinstance(stability, JointStability):
+        names.require("joint", stability.joints or (), names.joints)
+        joints = stability.joints or names.joints
+        rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes)
+    else:
+        chosen = getattr(stability, "coordinates", None)
+        names.require("coordinate", chosen or (), names.coordinates)
+        rows = chosen or names.coordinates
+    for values in (stability.level, stability.passive_stiffness):
+        names.require("stability row", values if isinstance(values, Mapping) else (), rows)
+
+
+@checked
 def extract(settings: RunSettings, output: OutputSettings | None = None) -> Motion:
     """Extract the motion with the derivatives that the stability rows need.
 
@@ -113,6 +153,7 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
 
 def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dict[str, str]]:
     """Extract the motion; give the hashes of what was read, too."""
+    check_names(settings)
     stability, motion = settings.stability, settings.motion
     if isinstance(stability, CoordinateStability | HessianStability):
         chosen = ("all",) if stability.coordinates is None else tuple(stability.coordinates)
@@ -124,6 +165,7 @@ def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dic
     return load_with_hashes(motion, processes=output.processes, cache=output.cache)
 
 
+@checked
 def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     """Turn settings and an extracted motion into the problem.
 
@@ -146,6 +188,7 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     return problem
 
 
+@checked
 def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[Path, ...]:
     """Write all files of a run, whole or not at all.
 

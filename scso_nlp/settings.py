@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import logging
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import (
     MUSCLE_MODELS,
@@ -26,7 +24,8 @@ from scso_nlp.declared_settings import (
     of_type,
 )
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
-from scso_nlp.files import hashes, refuse_changed
+from scso_nlp.files import absolute, check_name, hashes, read_text, read_toml, refuse_changed
+from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.setup_xml import (
     DEFAULT_OUTPUT_PRECISION,
     AnalyzeSetup,
@@ -36,6 +35,7 @@ from scso_nlp.opensim.setup_xml import (
 )
 from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
+from scso_nlp.text import number
 from scso_nlp.validation import nearest, unique_names
 
 _LOG = logging.getLogger("scso_nlp")
@@ -47,6 +47,7 @@ _MODEL_SETTINGS = ("muscle_model", "muscle_physiology")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RunSettings:
     """Everything that decides the numbers of a run.
 
@@ -91,6 +92,9 @@ class RunSettings:
         for name, known in (("solver", SOLVERS), ("muscle_model", MUSCLE_MODELS)):
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}")
+        for part in (self.motion.name, self.analysis_name):
+            check_name(part)
+        ActivationEffort(exponent=self.exponent, weights=self.weights)
 
     @property
     def muscle_physiology(self) -> bool:
@@ -99,6 +103,7 @@ class RunSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class OutputSettings:
     """Where and how results are written; nothing here changes a number.
 
@@ -146,6 +151,7 @@ def record(settings: RunSettings, output: OutputSettings) -> dict[str, Any]:
     return values if matrix is None else values | {"passive": matrix}
 
 
+@checked
 def read_settings(
     path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None
 ) -> tuple[RunSettings, OutputSettings]:
@@ -175,12 +181,12 @@ def read_settings(
     ProblemError
         Settings that contradict each other.
     """
-    path = Path(os.path.abspath(path))
+    path = absolute(path)
     before = hashes(filter(os.path.isfile, [path]))
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
     changed = _checked(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
-        given = _checked(_parse(path), str(path), path.parent)
+        given = _checked(read_toml(path), str(path), path.parent)
     elif "setup" in changed:
         raise ProblemError(f"{path} is taken as a setup, but the options name another: leave one of them out")
     else:
@@ -195,16 +201,6 @@ def read_settings(
     settings = _run_settings(given, path, sources, output)
     refuse_changed(sources)
     return settings, output
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is not TOML: {error}") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
 def _checked(
@@ -317,12 +313,14 @@ def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
 
 def _passive_table(path: Path) -> dict[str, float]:
     """Read passive stiffness by row, and published stiffness of lumbar joints, from a TOML file."""
-    given = _parse(path)
+    given = read_toml(path)
     try:
         tables = of_type(given.pop("lumbar", []), list[dict[str, int | str | list[str]]])
         stiffness = of_type(given, dict[str, float])
         published = lumbar_passive_stiffness(*(_lumbar_joint(table) for table in tables))
-    except (ValueError, TypeError):
+    except DataError as error:
+        raise type(error)(f"{path}: {error}") from None
+    except (ValueError, TypeError, OverflowError):
         raise DataError(
             f"{path}: expected lines of the form row = number [N.m/rad], and tables [[lumbar]] with levels "
             "= number and, by axial, flexion, extension or lateral, lists of rows"
@@ -336,6 +334,12 @@ def _passive_table(path: Path) -> dict[str, float]:
 def _lumbar_joint(table: dict[str, Any]) -> LumbarJoint:
     levels = of_type(table.pop("levels", None), int)
     by_direction = {way: [rows] if isinstance(rows, str) else rows for way, rows in table.items()}
+    every = [row for rows in by_direction.values() for row in rows]
+    twice = [row for row in every if every.count(row) > 1]
+    if twice:
+        raise DataError(
+            f"{twice[0]!r} stands twice in one table [[lumbar]], expected one direction of each row"
+        )
     return LumbarJoint(levels=levels, rows={row: way for way, rows in by_direction.items() for row in rows})
 
 
@@ -343,15 +347,21 @@ def _passive_matrix(path: Path, method: str, chosen: tuple[str, ...] | None) -> 
     """Read a matrix of passive stiffness: a first line of coordinates, then one line of numbers each."""
     if method != "full":
         raise ProblemError(f"{path} couples coordinates, which only stability 'full' can use; expected .toml")
+    rows = [
+        [cell.strip() for cell in line.split(",")] for line in read_text(path).splitlines() if line.strip()
+    ]
+    names = tuple(rows[0]) if rows else ()
     try:
-        lines = path.read_text(encoding="utf-8-sig").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    rows = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
-    names = unique_names("coordinate", rows[0] if rows else ())
-    try:
-        matrix = np.array([[float(cell) for cell in row] for row in rows[1:]])
+        matrix = [[number(cell) for cell in row] for row in rows[1:]]
     except ValueError:
-        raise FileFormatError(f"{path}: expected a line of coordinates, then lines of numbers") from None
+        matrix = []
+    if not all(names) or [len(names)] * len(names) != [len(row) for row in matrix]:
+        raise FileFormatError(
+            f"{path}: expected a line of coordinates, then for each of them a line of as many numbers"
+        )
     chosen = names if chosen is None else chosen
-    return {"coordinates": chosen, "passive_matrix": passive_matrix(chosen, matrix, names)}
+    try:
+        unique_names("coordinate", names)
+        return {"coordinates": chosen, "passive_matrix": passive_matrix(chosen, matrix, names)}
+    except DataError as error:
+        raise type(error)(f"{path}: {error}") from None

@@ -6,12 +6,14 @@ Data only: :mod:`scso_nlp.solve.judge` is the one place where they are made of a
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ScsoError
 from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.problem import MuscleForceProblem
@@ -59,6 +61,7 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RowResult:
     """Rows of one constraint at the solution, evaluated from the arrays that the user receives.
 
@@ -108,6 +111,7 @@ class RowResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MatrixResult:
     r"""A matrix inequality at the solution: :math:`H - \operatorname{diag}(\text{lower}) \succeq 0`.
 
@@ -159,6 +163,7 @@ class MatrixResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Optimality:
     r"""How well a solution meets the conditions of an optimum, frame by frame, recomputed from its arrays.
 
@@ -198,16 +203,18 @@ class Optimality:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Shortfall:
-    """A row that a failed frame could not keep.
+    """A row that a failed frame could not keep, or an objective that is no number there.
 
     Attributes
     ----------
     frame : int
     time : float [s]
     constraint, row : str
+        `row` is empty for an objective.
     amount : float [unit]
-        How much is missing.
+        How much is missing; infinite for an objective.
     unit : str
     proven : bool
         True if no activations within bounds can reach the row; False if it is the violation at the last
@@ -226,8 +233,17 @@ class Shortfall:
     proven: bool
     helpers: tuple[str, ...] = ()
 
+    @classmethod
+    def of_objective(cls, *, frame: int, time: float, objective: str) -> Shortfall:
+        """Say that an objective, or its slope, is no number at the last iterate of a frame."""
+        return cls(
+            frame=frame, time=time, constraint=objective, row="", amount=math.inf, unit="", proven=False
+        )
+
     def __str__(self) -> str:
         at = time_text(self.time)
+        if not self.row:
+            return f"objective {self.constraint}, or its slope, is not a number at t = {at} s"
         short = f"{self.constraint}[{self.row}] short by {self.amount:.4g} {self.unit} at t = {at} s"
         remedy = "would help"
         if self.proven:
@@ -238,6 +254,7 @@ class Shortfall:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class InfeasibilityProof:
     r"""Rows of a frame that no unknowns within their bounds keep together, with Farkas' multipliers y.
 
@@ -326,6 +343,7 @@ class InfeasibilityProof:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class StabilityMargin:
     """Stability rows of one solution.
 
@@ -365,6 +383,7 @@ class StabilityMargin:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MomentBalance:
     """Required, muscle and actuator moment of every coordinate.
 
@@ -405,6 +424,7 @@ class MomentBalance:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SolveReport:
     """How the solve went: enough to reproduce it.
 
@@ -434,6 +454,7 @@ class SolveReport:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Solution:
     """Activations and forces of every frame, judged from these very arrays.
 
@@ -613,6 +634,7 @@ class Solution:
 class SolveFailed(ScsoError):
     """Some frame was not solved; `solution` holds what there is, with its statuses and shortfalls."""
 
+    @checked
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
         lines = [solution.summary(), *(f"  {shortfall}" for shortfall in solution.shortfalls[1:3])]

@@ -12,8 +12,18 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.validation import BoolArray, FloatArray, IntArray, positions, read_only, unique_names
+from scso_nlp.validation import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    positions,
+    read_only,
+    read_only_flags,
+    read_only_integers,
+    unique_names,
+)
 
 #: Times beyond this need more than six digits to tell frames apart [s].
 LONG_AGO = 1e4
@@ -24,6 +34,7 @@ NO_POINT = -1
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Skeleton:
     """Joints, bodies, muscle paths and loads of one motion, all expressed in ground.
 
@@ -95,7 +106,17 @@ class Skeleton:
         for kind in ("bodies", "joints", "load_names", "virtual_rows"):
             set_field(self, kind, unique_names(kind, getattr(self, kind)))
         n_bodies, n_joints, n_loads = len(self.bodies), len(self.joints), len(self.load_names)
-        n_frames, n_muscles, n_points = np.shape(self.path_point_bodies)
+        of_points = "n_frames, n_muscles, n_points"
+        owners = read_only_integers(
+            "path_point_bodies",
+            self.path_point_bodies,
+            (-1, -1, -1),
+            of_points,
+            least=NO_POINT,
+            below=n_bodies,
+        )
+        set_field(self, "path_point_bodies", owners)
+        n_frames, n_muscles, n_points = owners.shape
         if not self.virtual_rows:
             for name in ("virtual_moment_arms", "virtual_curvature"):
                 set_field(self, name, np.zeros((n_frames, 0, n_muscles)))
@@ -116,25 +137,16 @@ class Skeleton:
         for name, (shape, axes) in shapes.items():
             finite = not name.startswith("virtual")
             set_field(self, name, read_only(name, getattr(self, name), shape, axes, finite=finite))
-        for name, length in (
-            ("body_parents", n_bodies),
-            ("joint_children", n_joints),
-            ("load_bodies", n_loads),
+        for name, length, axes in (
+            ("body_parents", n_bodies, "n_bodies"),
+            ("joint_children", n_joints, "n_joints"),
+            ("load_bodies", n_loads, "n_loads"),
         ):
-            set_field(self, name, _read_only_indices(name, getattr(self, name), (length,), n_bodies))
-        points = (n_frames, n_muscles, n_points)
-        set_field(
-            self,
-            "path_point_bodies",
-            _read_only_indices("path_point_bodies", self.path_point_bodies, points, n_bodies),
-        )
-        moves = np.array(self.path_point_moves, dtype=bool)
-        if moves.shape != points:
-            raise DataError(
-                f"path_point_moves has shape {moves.shape}, expected {points} = "
-                "(n_frames, n_muscles, n_points)"
+            indices = read_only_integers(
+                name, getattr(self, name), (length,), axes, least=NO_POINT, below=n_bodies
             )
-        moves.flags.writeable = False
+            set_field(self, name, indices)
+        moves = read_only_flags("path_point_moves", self.path_point_moves, owners.shape, of_points)
         set_field(self, "path_point_moves", moves)
 
     def frames(self, selection: slice | IntArray) -> Skeleton:
@@ -162,6 +174,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class CoordinateCurvature:
     """Second derivatives of path lengths and loads with respect to chosen coordinates.
 
@@ -193,22 +206,17 @@ class CoordinateCurvature:
         set_field = object.__setattr__
         set_field(self, "coordinates", unique_names("coordinate", self.coordinates))
         n = len(self.coordinates)
-        n_frames, n_muscles = np.shape(self.asymmetry)
+        of_muscles = "n_frames, n_muscles"
+        n_frames, n_muscles = read_only("asymmetry", self.asymmetry, (-1, -1), of_muscles).shape
         shapes = {
             "path_curvature": ((n_frames, n, n, n_muscles), "n_frames, n_chosen, n_chosen, n_muscles"),
             "load_stiffness": ((n_frames, n, n), "n_frames, n_chosen, n_chosen"),
             "passive_stiffness": ((n_frames, n, n), "n_frames, n_chosen, n_chosen"),
-            "asymmetry": ((n_frames, n_muscles), "n_frames, n_muscles"),
+            "asymmetry": ((n_frames, n_muscles), of_muscles),
         }
         for name, (shape, axes) in shapes.items():
             set_field(self, name, read_only(name, getattr(self, name), shape, axes))
-        uncertain = np.array(self.is_uncertain, dtype=bool)
-        if uncertain.shape != (n_frames, n_muscles):
-            raise DataError(
-                f"is_uncertain has shape {uncertain.shape}, expected {(n_frames, n_muscles)} = "
-                "(n_frames, n_muscles)"
-            )
-        uncertain.flags.writeable = False
+        uncertain = read_only_flags("is_uncertain", self.is_uncertain, (n_frames, n_muscles), of_muscles)
         set_field(self, "is_uncertain", uncertain)
 
     def frames(self, selection: slice | IntArray) -> CoordinateCurvature:
@@ -217,6 +225,7 @@ class CoordinateCurvature:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MotionTrajectory:
     """Time series of one motion, ready for optimisation.
 
@@ -318,12 +327,7 @@ class MotionTrajectory:
         }
         for name, (shape, axes) in shapes.items():
             set_field(self, name, read_only(name, getattr(self, name), shape, axes))
-        rotational = np.array(self.is_rotational, dtype=bool)
-        if rotational.shape != (n_coordinates,):
-            raise DataError(
-                f"is_rotational has shape {rotational.shape}, expected ({n_coordinates},) = (n_coordinates,)"
-            )
-        rotational.flags.writeable = False
+        rotational = read_only_flags("is_rotational", self.is_rotational, (n_coordinates,), "n_coordinates")
         set_field(self, "is_rotational", rotational)
         if self.skeleton is not None:
             found = self.skeleton.path_point_bodies.shape[:2]
@@ -443,13 +447,3 @@ def _select_frames(data: _Data, selection: slice | IntArray) -> _Data:
         elif isinstance(value, Skeleton | CoordinateCurvature):
             changes[item.name] = value.frames(selection)
     return replace(data, **changes)  # type: ignore[arg-type]
-
-
-def _read_only_indices(name: str, values: object, shape: tuple[int, ...], n_bodies: int) -> IntArray:
-    array = np.array(values, dtype=np.int64)
-    if array.shape != shape:
-        raise DataError(f"{name} has shape {array.shape}, expected {shape}")
-    if ((array < -1) | (array >= n_bodies)).any():
-        raise DataError(f"{name} holds an index outside the {n_bodies} bodies")
-    array.flags.writeable = False
-    return array

@@ -9,6 +9,8 @@ from __future__ import annotations
 import copyreg
 import difflib
 import fnmatch
+import numbers
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.text import shown
+
+#: At most so many names stand in one message.
+MOST_NAMES = 12
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,15 +65,7 @@ def read_only(
     DataError
         Not numeric, wrong shape, or not finite (the first bad index is named).
     """
-    try:
-        array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{name} cannot be read as numbers: {error}") from None
-    expected = tuple(shape)
-    if array.ndim != len(expected) or any(
-        e not in (-1, n) for e, n in zip(expected, array.shape, strict=True)
-    ):
-        raise DataError(f"{name} has shape {array.shape}, expected {expected} = ({axes})")
+    array = _of_shape(name, _numbers(name, values), shape, axes).astype(np.float64, order="C")
     if finite and not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise DataError(f"{name} is {array[where]} at index {where} of ({axes}), expected a finite number")
@@ -75,15 +73,123 @@ def read_only(
     return array
 
 
+def read_only_integers(
+    name: str, values: object, shape: Sequence[int], axes: str, *, least: int, below: int
+) -> IntArray:
+    """Copy `values` to a read-only array of whole numbers.
+
+    Parameters
+    ----------
+    name, values, shape, axes
+        As for :func:`read_only`.
+    least, below : int
+        The numbers lie between, `below` itself left out.
+
+    Returns
+    -------
+    ndarray of int, shape `shape`
+
+    Raises
+    ------
+    DataError
+        Not whole, wrong shape, less than `least` or not less than `below`.
+    """
+    array = read_only(name, values, shape, axes)
+    wrong = np.argwhere((array != np.round(array)) | (array < least) | (array >= below))
+    if len(wrong):
+        where = tuple(int(i) for i in wrong[0])
+        raise DataError(
+            f"{name} is {array[where]:g} at index {where} of ({axes}), expected whole numbers from {least} "
+            f"to {below - 1}"
+        )
+    whole = array.astype(np.int64)
+    whole.flags.writeable = False
+    return whole
+
+
+def read_only_flags(name: str, values: object, shape: Sequence[int], axes: str) -> BoolArray:
+    """Copy `values` to a read-only array of true and false; 0 and 1 will do.
+
+    Parameters
+    ----------
+    name, values, shape, axes
+        As for :func:`read_only`.
+
+    Returns
+    -------
+    ndarray of bool, shape `shape`
+
+    Raises
+    ------
+    DataError
+        Something else, or the wrong shape.
+    """
+    array = _of_shape(name, _numbers(name, values), shape, axes)
+    if not ((array == 0) | (array == 1)).all():
+        raise DataError(f"{name} has entries that are neither true nor false, expected only these")
+    flags = array.astype(np.bool_)
+    flags.flags.writeable = False
+    return flags
+
+
+def _numbers(name: str, values: object) -> np.ndarray:
+    """Read real numbers of any kind; text, dates, complex numbers and gaps are none."""
+    if np.ma.is_masked(values):
+        raise DataError(f"{name} has masked entries, expected a number in each; fill them or leave them out")
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise DataError(f"{name} cannot be read as numbers: its rows differ in length") from None
+    if array.dtype.kind == "O" and all(isinstance(entry, numbers.Real) for entry in array.flat):
+        try:
+            array = array.astype(np.float64)
+        except OverflowError:
+            raise DataError(f"{name} cannot be read as numbers: one is beyond the doubles") from None
+    if array.size and array.dtype.kind not in "biuf":
+        raise DataError(f"{name} cannot be read as numbers: found {shown(array.flat[0])} in it")
+    return array
+
+
+def _of_shape(name: str, array: np.ndarray, shape: Sequence[int], axes: str) -> np.ndarray:
+    expected = tuple(shape)
+    if array.ndim != len(expected) or any(
+        e not in (-1, n) for e, n in zip(expected, array.shape, strict=True)
+    ):
+        raise DataError(f"{name} has shape {array.shape}, expected {expected} = ({axes})")
+    return array
+
+
 def unique_names(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return `names` as a tuple, or raise :class:`DataError` if one stands twice."""
     result = tuple(str(name) for name in names)
-    twice = (
-        sorted({name for name in result if result.count(name) > 1}) if len(set(result)) < len(result) else []
-    )
-    if twice:
-        raise DataError(f"{kind} names must be unique, found twice: {', '.join(twice)}")
+    if len(set(result)) < len(result):
+        twice = sorted(name for name, count in Counter(result).items() if count > 1)
+        raise DataError(f"{kind} names must be unique, found twice: {shown_names(twice)}")
     return result
+
+
+def chosen_names(kind: str, names: str | Iterable[str] | None) -> tuple[str, ...] | None:
+    """Return the names a user chooses, one bare name too, as a tuple; None, for all, stays.
+
+    Raises
+    ------
+    DataError
+        None at all, or one twice.
+    """
+    if names is None:
+        return None
+    chosen = unique_names(kind, (names,) if isinstance(names, str) else names)
+    if not chosen:
+        raise DataError(
+            f"the list of {kind} names is empty, expected at least one, or no list for all of them"
+        )
+    return chosen
+
+
+def shown_names(names: Sequence[str]) -> str:
+    """List names for a message, the first dozen of many."""
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more
 
 
 def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> IntArray:
@@ -103,7 +209,7 @@ def positions(kind: str, wanted: Iterable[str], available: Sequence[str]) -> Int
     wanted = tuple(wanted)
     missing = [name for name in wanted if name not in table]
     if missing:
-        names = ", ".join(repr(name) for name in missing)
+        names = shown_names([shown(name) for name in missing])
         raise NameMismatchError(f"unknown {kind} {names} ({nearest(missing[0], available)})")
     return np.array([table[name] for name in wanted], dtype=np.int64)
 
@@ -134,12 +240,12 @@ def nearest(name: str, available: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"closest: ..."`` with up to three names, or ``"available: ..."`` with the first twelve where none is
+        ``"closest: ..."`` with up to three names, or ``"available: ..."`` with the first dozen where none is
         like it.
     """
     names = list(available)
     close = difflib.get_close_matches(name.strip("*?"), names, n=3, cutoff=0.5)
-    return f"closest: {', '.join(close)}" if close else f"available: {', '.join(names[:12])}"
+    return f"closest: {', '.join(close)}" if close else f"available: {', '.join(names[:MOST_NAMES])}"
 
 
 def matches(kind: str, pattern: str, available: Sequence[str]) -> IntArray:

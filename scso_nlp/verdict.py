@@ -11,6 +11,8 @@ RESERVE_LIMIT = 0.10
 RESIDUAL_LIMITS = {"N": 20.0, "N·m": 75.0}
 #: Statuses of frames that may be used.
 USABLE = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
+#: Statuses of all others.
+UNUSABLE = ("INFEASIBLE", "LOCALLY_INFEASIBLE", "NOT_OPTIMAL", "ITERATION_LIMIT", "NUMERICAL_ERROR")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,9 +34,11 @@ SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcriptio
 #: The rooms of the house from bottom to top. A room knows those below it, never those above.
 LAYERS = (
     "exceptions",
+    "text",
     "files",
     "signals",
     "validation",
+    "arguments",
     "trajectory",
     "muscles",
     "motion",
@@ -72,6 +74,7 @@ OF_USE_TO_THE_WORKER = (
     "scso_nlp.exceptions",
     "scso_nlp.files",
     "scso_nlp.opensim",
+    "scso_nlp.text",
     "scso_nlp.validation",
 )
 
@@ -79,6 +82,7 @@ OF_USE_TO_THE_WORKER = (
 WITHOUT_CASADI = (
     "scso_nlp",
     "scso_nlp.exceptions",
+    "scso_nlp.text",
     "scso_nlp.files",
     "scso_nlp.signals",
     "scso_nlp.validation",

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from scso_nlp.exceptions import DataError
-from scso_nlp.files import hashes, lock, refuse_changed, sha256, write_whole
+from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import hashes, lock, read_toml, refuse_changed, sha256, write_whole
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -58,6 +58,31 @@ def test_the_hash_is_that_of_the_standard(tmp_path):
     assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     with pytest.raises(DataError, match=r"nothing cannot be read: No such file"):
         sha256(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    "content", [b"a = 1\n", b"\xef\xbb\xbfa = 1\n", b"a = 1\r\n", b"\xef\xbb\xbf# \xc3\xa9\r\na = 1"]
+)
+def test_settings_are_read_with_and_without_byte_order_mark_and_with_any_line_ends(tmp_path, content):
+    path = tmp_path / "a.toml"
+    path.write_bytes(content)
+    assert read_toml(path) == {"a": 1}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"# one\n# two\xe9\n", r"a\.toml is not text in UTF-8: its line 2 holds the byte 0xe9$"),
+        ("a = 1".encode("utf-16"), r"a\.toml is not text in UTF-8: its line 1 holds the byte 0xff$"),
+        (b"a = 1\na = 2\n", r"a\.toml is not TOML: .*line 2"),
+        (b"a = " + b"[" * 100_000, r"a\.toml is not TOML that can be read: it is nested too deeply"),
+    ],
+)
+def test_what_is_no_text_or_no_toml_is_told_with_its_line(tmp_path, content, message):
+    path = tmp_path / "a.toml"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=message):
+        read_toml(path)
 
 
 def test_files_that_are_not_what_they_were_are_refused(tmp_path):

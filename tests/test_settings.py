@@ -328,8 +328,8 @@ def test_passive_stiffness_comes_from_a_table_or_a_matrix(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "error", "message"),
     [
-        ("p.csv", "a,b\n1,2\n3\n", FileFormatError, "expected a line of coordinates, then lines of numbers"),
-        ("p.csv", "a,b\n1,2\n", DataError, r"passive_matrix has shape \(1, 2\), expected \(2, 2\)"),
+        ("p.csv", "a,b\n1,2\n3\n", FileFormatError, "expected a line of coordinates, then"),
+        ("p.csv", "a,b\n1,2\n", FileFormatError, "then for each of them a line of as many numbers"),
         ("p.csv", "a,b\n1,2\n3,1\n", DataError, r"is not symmetric: 2 at \(a, b\)"),
         ("p.csv", "a,a\n1,2\n2,1\n", DataError, "must be unique"),
         ("p.csv", "a\none\n", FileFormatError, "expected a line of coordinates"),
@@ -338,8 +338,8 @@ def test_passive_stiffness_comes_from_a_table_or_a_matrix(tmp_path):
         ("p.toml", "[[lumbar]]\nlevels = 2\nup = ['a']", DataError, "direction of 'a' is 'up'"),
         ("p.toml", "a = 1\n[[lumbar]]\nlevels = 2\naxial = 'a'", DataError, "a stands twice"),
         ("p.toml", "a = -1.0", ProblemError, "passive_stiffness of 'a' is -1"),
-        ("none.toml", None, DataError, "cannot be read"),
-        ("none.csv", None, DataError, "cannot be read"),
+        ("none.toml", None, DataError, "does not exist"),
+        ("none.csv", None, DataError, "does not exist"),
     ],
 )
 def test_a_mistake_in_the_passive_stiffness_is_one_sentence(tmp_path, name, content, error, message):
@@ -442,7 +442,7 @@ def test_stability_settings_may_stay_in_a_file_that_switches_stability_off(tmp_p
 def test_a_file_without_a_motion_says_what_is_missing(tmp_path):
     with pytest.raises(DataError, match="names no motion, expected setup, or model and coordinates"):
         read_settings(settings_file(tmp_path, "exponent = 2"))
-    with pytest.raises(DataError, match=r"missing\.toml cannot be read: No such file"):
+    with pytest.raises(DataError, match=r"missing\.toml does not exist"):
         read_settings(tmp_path / "missing.toml")
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scso_nlp.exceptions import NameMismatchError
-from scso_nlp.validation import by_name, matches, nearest
+from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.validation import by_name, matches, nearest, read_only, read_only_flags, read_only_integers
 
 MUSCLES = ("soleus_r", "soleus_l", "psoas_r", "odd[1]", "star*")
 
@@ -55,3 +55,40 @@ def test_a_hint_names_three_at_most_or_the_first_twelve():
     assert nearest("tibialis", [f"m{i}" for i in range(20)]) == "available: " + ", ".join(
         f"m{i}" for i in range(12)
     )
+
+
+@pytest.mark.parametrize(
+    "values", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=object), np.array([1, 2], np.float32)]
+)
+def test_numbers_of_any_kind_are_numbers(values):
+    assert read_only("x", values, (2,), "n").tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.array([1 + 1j, 2]), r"x cannot be read as numbers: found .*1\+1j"),
+        (np.array(["2020-01-01", "2020-01-02"], dtype="datetime64[D]"), "x cannot be read as numbers: found"),
+        (["1.5", "2.5"], "x cannot be read as numbers: found .*'1.5'"),
+        ([1.0, None], "x cannot be read as numbers"),
+        ([[1.0], [1.0, 2.0]], "x cannot be read as numbers: its rows differ in length"),
+        (np.ma.array([1.0, 2.0], mask=[False, True]), "x has masked entries"),
+    ],
+)
+def test_what_is_no_real_number_is_refused_even_where_gaps_are_allowed(values, message):
+    with pytest.raises(DataError, match=message):
+        read_only("x", values, (2,), "n", finite=False)
+
+
+def test_whole_numbers_are_not_cut():
+    assert read_only_integers("x", [0.0, 2.0], (2,), "n", least=-1, below=3).tolist() == [0, 2]
+    for values in ([0.5, 1], [0, 3], [-2, 0], [np.nan, 0]):
+        with pytest.raises(DataError, match=r"x is .* at index \(.\,\) of \(n\), expected"):
+            read_only_integers("x", values, (2,), "n", least=-1, below=3)
+
+
+def test_only_true_and_false_are_flags():
+    assert read_only_flags("x", [1, False], (2,), "n").tolist() == [True, False]
+    for values in ([0.5, 1], [np.nan, 0], ["yes", "no"]):
+        with pytest.raises(DataError, match=r"^x "):
+            read_only_flags("x", values, (2,), "n")

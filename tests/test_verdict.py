@@ -10,7 +10,7 @@ from helpers import random_problem, with_stability
 
 import scso_nlp as scso
 from scso_nlp.solution import Status
-from scso_nlp.verdict import RESERVE_LIMIT
+from scso_nlp.verdict import RESERVE_LIMIT, UNUSABLE, USABLE
 
 
 def soft(problem, miss, price=1e-6):
@@ -99,6 +99,10 @@ def test_coordinates_that_no_muscle_moves_have_residuals(rng):
     assert str(verdict.residual_force) == f"30 N ({names[2]} at t = {trajectory.time[1]:.6g} s)"
     assert verdict.reserve.name == names[1]
     assert verdict.beyond_limits[-2:] == ("a residual force above 20 N", "a residual moment above 75 N·m")
+
+
+def test_every_status_is_usable_or_not():
+    assert sorted((*USABLE, *UNUSABLE)) == sorted(Status.__members__)
 
 
 def test_motors_are_told_from_residuals_by_the_joint(rng):

@@ -54,6 +54,7 @@ def compare(
     """
     with exit_codes(verbose):
         from scso_nlp.emg import format_comparison, write_comparison_csv
+        from scso_nlp.files import make_folder
 
         comparison = read_comparison(
             results,
@@ -65,10 +66,7 @@ def compare(
             emg_offset=emg_offset,
         )
         if output is not None:
-            try:
-                output.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise DataError(f"{output} cannot be made: {error.strerror or error}") from None
+            make_folder(output)
             write_comparison_csv(comparison, output / "comparison.csv")
             _write_figures(comparison, output)
         # files first: a reader such as `head` may close the output early

@@ -14,7 +14,7 @@ from types import FrameType
 
 import typer
 
-from scso_nlp.exceptions import ScsoError
+from scso_nlp.exceptions import ScsoError, loading_fault
 
 #: Some frame was not solved.
 FRAME_FAILED = 1
@@ -53,9 +53,7 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         typer.echo("stopped", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
-        # what is still buffered would fail again when Python ends
-        with open(os.devnull, "w") as nowhere:
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        _silence_output()
         raise typer.Exit(CLOSED_PIPE) from None
     except _Stopped as stopped:
         # the terminal may be gone
@@ -64,13 +62,36 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         raise typer.Exit(128 + stopped.signal) from None
     except (typer.Exit, typer.Abort):
         raise
-    except Exception:
+    except Exception as error:
+        if sentence := _outside(error):
+            typer.echo(f"error: {sentence}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
         traceback.print_exc()
         typer.echo("error: this is a bug in scso, please report it with the lines above", err=True)
         raise typer.Exit(BUG) from None
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+def _outside(error: Exception) -> str:
+    """Say what the system refused; empty where an error is the program's own."""
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory{': ' if str(error) else ''}{error}"
+    if isinstance(error, ImportError):
+        return loading_fault(error)
+    if not isinstance(error, OSError) or error.strerror is None:
+        return ""
+    if error.filename is None:
+        _silence_output()
+        return f"the output cannot be written: {error.strerror}"
+    return f"{error.filename}: {error.strerror}"
+
+
+def _silence_output() -> None:
+    """Write nothing more: what is still buffered would fail again when Python ends."""
+    with open(os.devnull, "w") as nowhere, suppress(OSError, ValueError):
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 class _Stopped(BaseException):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.declared_settings import reference, template
 from scso_nlp.exceptions import DataError
+from scso_nlp.files import write_whole
 
 
 def init(
@@ -25,13 +27,10 @@ def init(
         if show_reference:
             typer.echo(reference(), nl=False)
             return
-        if path.is_dir():
+        if os.path.isdir(path):
             path = path / "scso.toml"
-        try:
-            with open(path, "x", encoding="utf-8") as file:
-                file.write(template())
-        except FileExistsError:
-            raise DataError(f"{path} exists already, choose another name") from None
-        except OSError as error:
-            raise DataError(f"{path} cannot be written: {error.strerror or error}") from None
+        if os.path.lexists(path):
+            raise DataError(f"{path} exists already, choose another name")
+        with write_whole(path) as temporary:
+            temporary.write_text(template(), encoding="utf-8")
         typer.echo(f"wrote {path}: fill in the paths, then scso run {path}")

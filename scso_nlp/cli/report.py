@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -53,5 +54,5 @@ def report(
             for folder, result in zip(results, comparison.results, strict=True)
             for what in _PICTURES
         ]
-        write_report(comparison, output, pictures=[path for path in pictures if path.is_file()])
+        write_report(comparison, output, pictures=[path for path in pictures if os.path.isfile(path)])
         typer.echo(f"{output}: {len(comparison.results)} results, {output.stat().st_size / 1e6:.2g} MB")

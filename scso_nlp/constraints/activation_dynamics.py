@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.constraint import FramePairConstraint
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.frame import Frame, Rows, VariableSpec
@@ -88,6 +89,7 @@ def time_constants(muscles: MuscleParameters, term: str) -> tuple[ca.DM, ca.DM]:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ActivationDynamics(FramePairConstraint):
     r"""Activation follows excitation by first-order dynamics.   depends on: two frames.
 

@@ -8,6 +8,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.activation_dynamics import time_constants
 from scso_nlp.constraints.constraint import FramePairConstraint
 from scso_nlp.exceptions import ProblemError
@@ -16,6 +17,7 @@ from scso_nlp.motion import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ActivationRate(FramePairConstraint):
     r"""Activation rises and falls no faster than its time constants allow.   depends on: two frames.
 

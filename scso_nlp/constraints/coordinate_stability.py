@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.motion import Motion
 from scso_nlp.stability.hessian import chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
+from scso_nlp.validation import chosen_names
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class CoordinateStability(StabilityConstraint):
     r"""Stability along each chosen coordinate is at least `level`.   depends on: one frame.
 
@@ -33,6 +36,10 @@ class CoordinateStability(StabilityConstraint):
 
     coordinates: Sequence[str] | None = None
     model_passive: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "coordinates", chosen_names("coordinate", self.coordinates))
 
     def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names of the chosen coordinates."""

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE, StabilityConstraint
 from scso_nlp.frame import Frame, MatrixRows
 from scso_nlp.motion import Motion
 from scso_nlp.stability.hessian import HessianTerms, chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, chosen_names, read_only
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class HessianStability(StabilityConstraint):
     r"""The Hessian over the chosen coordinates is positive semi-definite.   depends on: one frame.
 
@@ -42,6 +44,10 @@ class HessianStability(StabilityConstraint):
     model_passive: bool = True
     passive_matrix: FloatArray | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "coordinates", chosen_names("coordinate", self.coordinates))
+
     def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names of the chosen coordinates."""
         return chosen_coordinates(motion.trajectory, self.coordinates)
@@ -51,7 +57,10 @@ class HessianStability(StabilityConstraint):
         names = self.row_names(motion)
         passive = np.diag(self.by_row(self.passive_stiffness, names))
         if self.passive_matrix is not None:
-            passive = passive + np.asarray(self.passive_matrix, dtype=float)
+            shape = (len(names), len(names))
+            passive = passive + read_only(
+                "passive_matrix", self.passive_matrix, shape, "n_coordinates, n_coordinates"
+            )
         return hessian_terms(
             motion.trajectory, names, model_passive=self.model_passive, passive_stiffness=passive
         )

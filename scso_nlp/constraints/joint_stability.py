@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.motion import Motion
 from scso_nlp.stability.potvin_brown import potvin_brown
-from scso_nlp.stability.rows import StabilityRows, select_rows
+from scso_nlp.stability.rows import AXES, StabilityRows, select_rows
+from scso_nlp.validation import chosen_names, positions
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class JointStability(StabilityConstraint):
     r"""Stability about each chosen joint axis is at least `level`.   depends on: one frame.
 
@@ -39,6 +42,12 @@ class JointStability(StabilityConstraint):
     joints: Sequence[str] | None = None
     axes: Sequence[str] = ("x", "y", "z")
     moving_paths: Literal["exact", "frozen"] = "exact"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "joints", chosen_names("joint", self.joints))
+        object.__setattr__(self, "axes", chosen_names("axis", self.axes))
+        positions("axis", self.axes, AXES)
 
     def stability_rows(self, motion: Motion) -> StabilityRows:
         """Curvature, moment arms and external work of the rows."""

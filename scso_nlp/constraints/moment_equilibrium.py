@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.constraint import FrameConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows
@@ -16,6 +17,7 @@ from scso_nlp.validation import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MomentEquilibrium(FrameConstraint):
     r"""Muscles and actuators balance every free coordinate.   depends on: one frame.
 

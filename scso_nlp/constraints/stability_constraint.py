@@ -81,7 +81,7 @@ class StabilityConstraint(FrameConstraint):
             if not (math.isfinite(value) and value >= 0):
                 raise ProblemError(f"passive_stiffness of {name!r} is {value:g}, expected at least 0 N·m/rad")
         if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or None")
+            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or no price")
 
     @property
     def stiffness_law(self) -> StiffnessLaw:

@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.emg import metrics
 from scso_nlp.emg.bootstrap import bootstrap_interval
 from scso_nlp.emg.map import EmgMap, MuscleGroup
@@ -31,15 +32,20 @@ from scso_nlp.validation import BoolArray, FloatArray, positions, unique_names
 MAX_LAG = 0.2
 #: Fewer frames are a handful of chosen tasks, of which an interval would tell nothing.
 LEAST_FRAMES_FOR_INTERVAL = 16
+#: What spreadsheets take for the beginning of a formula, which may do anything.
+_FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 #: How EMG is called in the column of results.
 EMG_LABEL = "EMG"
 #: How the mean over all groups is called in the column of groups.
 ALL_GROUPS = "all groups"
 #: Activations may be this much below zero by the solver's tolerance; such values count as zero [-].
 NEGATIVE_ACTIVATION = 1e-4
+#: Activity beyond this is none, not even of signals in microvolts without a reference [-].
+LARGEST_ACTIVITY = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ComparisonRow:
     """One number of the table.
 
@@ -69,6 +75,7 @@ class ComparisonRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Comparison:
     """Results of one motion on common frames, with their table.
 
@@ -110,6 +117,7 @@ class Comparison:
         return None if measured is None or np.isnan(measured).any() else measured
 
 
+@checked
 def compare(
     results: Sequence[MotionResult],
     *,
@@ -191,6 +199,7 @@ def compare(
     )
 
 
+@checked
 def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -> None:
     """Write the table, one line per number, numbers with all digits.
 
@@ -211,9 +220,17 @@ def write_comparison_csv(comparison: Comparison, path: str | os.PathLike[str]) -
         writer.writerow(names)
         for row in comparison.rows:
             cells = [getattr(row, name) for name in names]
-            writer.writerow("" if isinstance(c, float) and math.isnan(c) else c for c in cells)
+            writer.writerow([_cell(value) for value in cells])
 
 
+def _cell(value: object) -> object:
+    """Leave NaN blank; text that spreadsheets would take for a formula begins with an apostrophe."""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(_FORMULA_SIGNS) else value
+    return "" if isinstance(value, float) and math.isnan(value) else value
+
+
+@checked
 def format_comparison(comparison: Comparison) -> str:
     """Lay the table out as text: one line per group and metric, one column per result.
 
@@ -259,6 +276,7 @@ def format_comparison(comparison: Comparison) -> str:
     return "\n".join(text)
 
 
+@checked
 def format_number(row: ComparisonRow, notes: Sequence[str] = ()) -> str:
     """Write one number with its interval, or the number of the note that says why there is none.
 
@@ -305,9 +323,16 @@ def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> Floa
     low = float(np.nanmin(solved, initial=0.0))
     if low < -NEGATIVE_ACTIVATION:
         raise DataError(f"{result.label!r} has an activation of {low:g}, expected 0 or more")
+    _refuse_large(f"the activation of {result.label!r}", solved)
     solved = np.maximum(solved, 0.0)
     means = [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
     return np.array(means).reshape(len(groups), len(solved)).T
+
+
+def _refuse_large(what: str, values: FloatArray) -> None:
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if largest > LARGEST_ACTIVITY:
+        raise DataError(f"{what} is up to {largest:g}, expected a fraction of the maximum")
 
 
 def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float) -> FloatArray:
@@ -319,6 +344,7 @@ def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float)
         emg = normalize_to_mvc(emg, emg_map.mvc)
     else:
         warn_outside_unit_range(emg)
+    _refuse_large(f"{emg.source}: the EMG over its references of {emg_map.source}", emg.values)
     emg = resample(emg, time, start_offset=start_offset)
     columns = [
         emg.values[:, positions("EMG channel", group.channels, emg.channels)].mean(axis=1)

@@ -18,16 +18,18 @@ The map file, in TOML, says which channels and which muscles of the model form a
 
 from __future__ import annotations
 
-import math
 import os
-import tomllib
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import read_toml
+from scso_nlp.text import shown
 from scso_nlp.validation import matches, nearest, positions, unique_names
 
 #: The version of the map file that this module reads.
@@ -35,6 +37,7 @@ MAP_FORMAT = 1
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MuscleGroup:
     """Muscles of the model, and the EMG channels over them.
 
@@ -53,6 +56,7 @@ class MuscleGroup:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class GroupPair:
     """Two sets of groups that work against each other.
 
@@ -69,6 +73,7 @@ class GroupPair:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EmgMap:
     """Which channels and muscles belong together.
 
@@ -99,14 +104,16 @@ class EmgMap:
                 raise DataError(f"{self.source}: group {group.name!r} has no muscles, expected at least one")
             _claim(owner, "channel", group.channels, group.name, self.source)
         for pair in self.pairs:
-            positions(f"group of pair {pair.name!r}", (*pair.numerator, *pair.denominator), names)
+            positions(
+                f"group of pair {pair.name!r} in {self.source}", (*pair.numerator, *pair.denominator), names
+            )
             if not pair.numerator or not pair.denominator:
                 raise DataError(f"{self.source}: pair {pair.name!r} needs a numerator and a denominator")
             both = sorted(set(pair.numerator) & set(pair.denominator))
             if both:
                 raise DataError(f"{self.source}: pair {pair.name!r} has {both[0]!r} on both sides")
         if self.mvc:
-            positions("channel of [mvc]", self.mvc, tuple(owner))
+            positions(f"channel of [mvc] in {self.source}", self.mvc, tuple(owner))
 
     def resolve(self, muscles: Sequence[str], channels: Sequence[str] | None = None) -> EmgMap:
         """Replace patterns by the muscles of a model and check every name.
@@ -143,6 +150,7 @@ class EmgMap:
         return replace(self, groups=tuple(groups))
 
 
+@checked
 def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
     """Read a map file, see the top of this module for its form.
 
@@ -162,16 +170,12 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         Not TOML, an unknown key, or a value of the wrong kind.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path} is not TOML: {error}") from None
+    content = read_toml(path)
     _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
-    if content.get("format") != MAP_FORMAT:
+    found = content.get("format", "missing")
+    if found is True or found != MAP_FORMAT:
         raise FileFormatError(
-            f"{path} has format = {content.get('format')!r}, expected format = {MAP_FORMAT} as its first line"
+            f"{path}: format is {shown(found)}, expected format = {MAP_FORMAT} as the first line"
         )
     groups = _entries(path, "groups", content, ("channels", "muscles"))
     pairs = _entries(path, "pairs", content, ("numerator", "denominator"))
@@ -180,9 +184,9 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         if (
             isinstance(reference, bool)
             or not isinstance(reference, int | float)
-            or not 0 < reference < math.inf
+            or not 0 < reference <= sys.float_info.max
         ):
-            raise FileFormatError(f"{path}: mvc.{channel} is {reference!r}, expected a number above 0")
+            raise FileFormatError(f"{path}: mvc.{channel} is {shown(reference)}, expected a number above 0")
     return EmgMap(
         groups=tuple(MuscleGroup(name=name, **lists) for name, lists in groups.items()),
         pairs=tuple(GroupPair(name=name, **lists) for name, lists in pairs.items()),
@@ -195,7 +199,9 @@ def _claim(owner: dict[str, str], kind: str, names: tuple[str, ...], group: str,
     """Note that names belong to a group, unless one belongs to another already."""
     for name in names:
         if name in owner:
-            raise DataError(f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}")
+            raise DataError(
+                f"{source}: {kind} {name!r} is in two groups, {owner[name]!r} and {group!r}, expected one"
+            )
         owner[name] = group
 
 
@@ -214,7 +220,7 @@ def _entries(
 
 def _table(path: Path, where: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a table")
+        raise FileFormatError(f"{path}: {where} is {shown(value)}, expected a table")
     return value
 
 
@@ -227,5 +233,5 @@ def _check_keys(path: Path, where: str, table: Mapping[str, object], known: tupl
 
 def _names(path: Path, where: str, value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        raise FileFormatError(f"{path}: {where} is {value!r}, expected a list of names")
+        raise FileFormatError(f"{path}: {where} is {shown(value)}, expected a list of names")
     return unique_names(where, value)

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import absolute, read_text
 from scso_nlp.io.storage import Storage, read_storage
-from scso_nlp.validation import BoolArray, FloatArray, read_only, unique_names
-from scso_nlp.verdict import USABLE
+from scso_nlp.text import shown
+from scso_nlp.validation import BoolArray, FloatArray, read_only, read_only_flags, unique_names
+from scso_nlp.verdict import UNUSABLE, USABLE
 
 if TYPE_CHECKING:
     from scso_nlp.solution import Solution
@@ -25,6 +28,7 @@ _REPORT = "report.json"
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MotionResult:
     """What a comparison needs to know of one solution.
 
@@ -42,6 +46,7 @@ class MotionResult:
     stability_rows : tuple of str
         ``"<joint>_<axis>"``.
     stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
+        NaN likewise.
     report : mapping
         Settings, versions and times as in ``report.json``; may be empty.
     """
@@ -64,32 +69,25 @@ class MotionResult:
         time = read_only("time", self.time, (-1,), "n_frames")
         set_field(self, "time", time)
         n_frames = len(time)
-        solved = np.array(self.is_solved, dtype=bool)
-        if solved.shape != (n_frames,):
-            raise DataError(f"is_solved has shape {solved.shape}, expected ({n_frames},) = (n_frames,)")
-        solved.flags.writeable = False
+        solved = read_only_flags("is_solved", self.is_solved, (n_frames,), "n_frames")
         set_field(self, "is_solved", solved)
-        activation = read_only(
-            f"activation of {self.label!r}",
-            self.activation,
-            (n_frames, len(self.muscles)),
-            "n_frames, n_muscles",
-            finite=False,
-        )
-        bad = np.argwhere(~np.isfinite(activation) & solved[:, None])
-        if len(bad):
-            k, m = (int(i) for i in bad[0])
-            raise DataError(
-                f"activation of {self.label!r} is {activation[k, m]} for {self.muscles[m]} at "
-                f"t = {time[k]:g} s, in a frame that is marked as solved"
-            )
-        set_field(self, "activation", activation)
-        stability = np.zeros((n_frames, 0)) if self.stability is None else self.stability
-        shape = (n_frames, len(self.stability_rows))
-        stability = read_only(
-            f"stability of {self.label!r}", stability, shape, "n_frames, n_stability_rows", finite=False
-        )
-        set_field(self, "stability", stability)
+        if self.stability is None:
+            set_field(self, "stability", np.zeros((n_frames, 0)))
+        for what, names, axis in (
+            ("activation", self.muscles, "n_muscles"),
+            ("stability", self.stability_rows, "n_stability_rows"),
+        ):
+            of_whom = f"{what} of {self.label!r}"
+            shape = (n_frames, len(names))
+            values = read_only(of_whom, getattr(self, what), shape, f"n_frames, {axis}", finite=False)
+            bad = np.argwhere(~np.isfinite(values) & solved[:, None])
+            if len(bad):
+                k, c = (int(i) for i in bad[0])
+                raise DataError(
+                    f"{of_whom} is {values[k, c]} for {names[c]} at t = {time[k]:g} s, in a frame that is "
+                    "marked as solved, expected a finite number"
+                )
+            set_field(self, what, values)
 
     @property
     def n_frames(self) -> int:
@@ -137,6 +135,7 @@ def result_of(solution: Solution, label: str) -> MotionResult:
     )
 
 
+@checked
 def read_result(folder: str | os.PathLike[str], label: str | None = None) -> MotionResult:
     """Read a result folder back, as written by :func:`scso_nlp.io.results.write_solution`.
 
@@ -158,7 +157,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     FileFormatError
         A report or table that cannot be read as such, or that do not belong together.
     """
-    folder = Path(folder)
+    folder = absolute(folder)
     report = _read_report(folder)
     name = report["name"]
     table = _only_file(folder, name, "activation.sto")
@@ -171,27 +170,33 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     muscles = _muscle_names(folder, report, table)
     rows: tuple[str, ...] = ()
     stability = None
-    if any(folder.glob(f"{glob.escape(name)}_stability.sto")):
-        found = read_storage(folder / f"{name}_stability.sto")
-        if found.n_frames != table.n_frames:
-            raise FileFormatError(f"{found.source} and {table.source} have different numbers of frames")
+    stability_file = folder / f"{name}_stability.sto"
+    written = report.get("files_sha256")
+    if stability_file.exists() or (isinstance(written, dict) and stability_file.name in written):
+        found = read_storage(stability_file)
+        if not np.array_equal(found.time, table.time):
+            raise FileFormatError(f"{found.source} and {table.source} have different frames")
         suffix = "_stability"
         columns = [label for label in found.labels if label.endswith(suffix)]
         rows = tuple(column.removesuffix(suffix) for column in columns)
         stability = found.columns(columns)
-    return MotionResult(
-        label=folder.resolve().name if label is None else label,
-        name=name,
-        time=table.time,
-        muscles=tuple(muscles),
-        activation=table.columns(muscles),
-        is_solved=np.array([status in USABLE for status in statuses]),
-        stability_rows=rows,
-        stability=stability,
-        report=report,
-    )
+    try:
+        return MotionResult(
+            label=Path(os.path.realpath(folder)).name if label is None else label,
+            name=name,
+            time=table.time,
+            muscles=tuple(muscles),
+            activation=table.columns(muscles),
+            is_solved=np.array([status in USABLE for status in statuses]),
+            stability_rows=rows,
+            stability=stability,
+            report=report,
+        )
+    except DataError as error:
+        raise type(error)(f"{folder}: {error}") from None
 
 
+@checked
 def read_results(
     folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] = ()
 ) -> tuple[MotionResult, ...]:
@@ -212,7 +217,7 @@ def read_results(
     DataError
         Not one label per folder, a folder given twice, or as :func:`read_result`.
     """
-    paths = [Path(folder).resolve() for folder in folders]
+    paths = [absolute(os.path.realpath(absolute(folder))) for folder in folders]
     if len(set(paths)) < len(paths):
         raise DataError("a result folder is given twice, expected different ones")
     if not labels:
@@ -228,26 +233,29 @@ def read_results(
 def _read_report(folder: Path) -> dict[str, Any]:
     """Read ``report.json`` and check what is used of it."""
     path = folder / _REPORT
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         raise DataError(
             f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
-        ) from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+        )
+    try:
+        report = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{path} is not JSON: {error}") from None
-    expected: dict[str, type] = {"name": str, "frame_status": list, "problem": dict}
+    expected = {"name": (str, "text"), "frame_status": (list, "a list"), "problem": (dict, "a table")}
     if not isinstance(report, dict) or report.get("program") != "scso_nlp":
         raise FileFormatError(f"{path} is not a report of scso_nlp")
-    for key, kind in expected.items():
+    for key, (kind, words) in expected.items():
         if not isinstance(report.get(key), kind):
-            raise FileFormatError(f"{path}: {key!r} is missing or not a {kind.__name__}")
+            raise FileFormatError(f"{path}: {key!r} is missing or not {words}")
+    for status in report["frame_status"]:
+        if status not in (*USABLE, *UNUSABLE):
+            raise FileFormatError(
+                f"{path}: {shown(status)} is no status of a frame, expected one such as {USABLE[0]}"
+            )
     if not report["name"] or any(character in report["name"] for character in "/\\\0"):
-        raise FileFormatError(f"{path}: the name {report['name']!r} cannot be the start of file names")
+        raise FileFormatError(f"{path}: the name {shown(report['name'])} cannot be the start of file names")
     return report
 
 

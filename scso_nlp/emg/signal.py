@@ -8,6 +8,7 @@ for is in :mod:`scso_nlp.emg.map`.
 from __future__ import annotations
 
 import csv
+import io
 import logging
 import math
 import os
@@ -18,8 +19,11 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import read_text
 from scso_nlp.io.storage import read_storage
+from scso_nlp.text import number, shown
 from scso_nlp.validation import FloatArray, positions, read_only, unique_names
 
 logger = logging.getLogger("scso_nlp")
@@ -42,6 +46,7 @@ MAX_GAP = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Emg:
     """EMG channels over time.
 
@@ -64,14 +69,14 @@ class Emg:
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "channels", unique_names("EMG channel", self.channels))
-        time = read_only("time of the EMG", self.time, (-1,), "n_samples")
+        time = read_only(f"{self.source}: time", self.time, (-1,), "n_samples")
         set_field(self, "time", time)
         if len(time) == 0:
             raise DataError(f"{self.source} has no sample, expected at least one")
         back = np.flatnonzero(np.diff(time) <= 0)
         if len(back):
             k = int(back[0])
-            raise DataError(f"{self.source}: time must increase, found {time[k + 1]!r} s after {time[k]!r} s")
+            raise DataError(f"{self.source}: time must increase, found {time[k + 1]} s after {time[k]} s")
         shape = (len(time), len(self.channels))
         values = read_only(
             f"{self.source}: values", self.values, shape, "n_samples, n_channels", finite=False
@@ -80,8 +85,8 @@ class Emg:
         if len(bad):
             k, c = (int(i) for i in bad[0])
             raise DataError(
-                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s; "
-                "cut that part off or drop the channel with select()"
+                f"{self.source}: channel {self.channels[c]!r} is {values[k, c]} at t = {time[k]:g} s, "
+                "expected a finite number; cut that part off or drop the channel with select()"
             )
         set_field(self, "values", values)
 
@@ -95,10 +100,13 @@ class Emg:
         """
         chosen = tuple(channels)
         return replace(
-            self, channels=chosen, values=self.values[:, positions("EMG channel", chosen, self.channels)]
+            self,
+            channels=chosen,
+            values=self.values[:, positions(f"EMG channel of {self.source}", chosen, self.channels)],
         )
 
 
+@checked
 def read_emg(path: str | os.PathLike[str]) -> Emg:
     """Read EMG from a Storage file (``.sto``, ``.mot``) or a table with commas (``.csv``).
 
@@ -133,6 +141,7 @@ def read_emg(path: str | os.PathLike[str]) -> Emg:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EnvelopeFilter:
     """How raw EMG becomes an envelope.
 
@@ -170,6 +179,7 @@ class EnvelopeFilter:
             raise DataError(f"order of the EMG filter is {self.order!r}, expected 1 to 8")
 
 
+@checked
 def envelope(emg: Emg, options: EnvelopeFilter | None = None) -> Emg:
     """Band-pass, rectify and smooth raw EMG.
 
@@ -208,6 +218,7 @@ def envelope(emg: Emg, options: EnvelopeFilter | None = None) -> Emg:
     return replace(emg, time=time, values=np.maximum(values, 0.0))
 
 
+@checked
 def normalize_to_peak(emg: Emg) -> Emg:
     """Divide every channel by its own largest value.
 
@@ -232,6 +243,7 @@ def normalize_to_peak(emg: Emg) -> Emg:
     return normalize_to_mvc(emg, dict(zip(emg.channels, emg.values.max(axis=0).tolist(), strict=True)))
 
 
+@checked
 def normalize_to_mvc(emg: Emg, mvc: Mapping[str, float]) -> Emg:
     """Divide channels by their value at maximum voluntary contraction.
 
@@ -289,6 +301,7 @@ def warn_outside_unit_range(emg: Emg) -> None:
             )  # fmt: skip
 
 
+@checked
 def resample(emg: Emg, time: FloatArray, *, start_offset: float = 0.0) -> Emg:
     """Bring an envelope to the frames of a motion.
 
@@ -347,29 +360,27 @@ def resample(emg: Emg, time: FloatArray, *, start_offset: float = 0.0) -> Emg:
 
 
 def _read_csv(path: Path) -> Emg:
+    text = io.StringIO(read_text(path), newline="")
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
         raise FileFormatError(f"{path} is not a table with commas: {error}") from None
     if len(rows) < 2:
         raise FileFormatError(f"{path} has no rows below its labels")
     labels = [cell.strip() for cell in rows[0]]
     if labels[0].lower() != "time":
-        raise FileFormatError(f"{path}: the first column is {labels[0]!r}, expected 'time'")
+        raise FileFormatError(f"{path}: the first column is {shown(labels[0])}, expected 'time'")
     numbers = []
-    for number, row in enumerate(rows[1:], start=2):
+    for position, row in enumerate(rows[1:], start=2):
         if len(row) != len(labels):
             raise FileFormatError(
-                f"{path}, row {number}: expected {len(labels)} numbers, found {len(row)} "
+                f"{path}, row {position}: expected {len(labels)} numbers, found {len(row)} "
                 "(columns are separated by commas, decimals by points)"
             )
         try:
-            numbers.append([float(cell) for cell in row])
+            numbers.append([number(cell) for cell in row])
         except ValueError as error:
-            raise FileFormatError(f"{path}, row {number}: {error}") from None
+            raise FileFormatError(f"{path}, row {position}: {error}, expected numbers alone") from None
     table = np.array(numbers)
     return Emg(channels=tuple(labels[1:]), time=table[:, 0], values=table[:, 1:], source=str(path))
 

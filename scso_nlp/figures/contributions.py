@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from scso_nlp.arguments import checked
 from scso_nlp.contributions import Contributions
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures import style
@@ -16,6 +17,7 @@ NEGLIGIBLE_SHARE = 0.01
 MOST_MUSCLES = 40
 
 
+@checked
 def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST_MUSCLES) -> Figure:
     """Draw which muscle stabilizes which axis, mean over the solved frames, as a heat map.
 

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import HorizontalAxis, horizontal_axis, shade_failed
 from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
@@ -24,6 +25,7 @@ from scso_nlp.validation import FloatArray
 _LEAST_RANGE = 0.1
 
 
+@checked
 def plot_activations(
     solution: Solution, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
 ) -> Figure:
@@ -73,6 +75,7 @@ def plot_activations(
     return figure
 
 
+@checked
 def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None) -> Figure:
     """Draw required, muscle and reserve moment of every coordinate.
 
@@ -121,6 +124,7 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
     return figure
 
 
+@checked
 def plot_stability(
     solution: Solution, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
 ) -> Figure:

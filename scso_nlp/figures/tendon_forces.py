@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import HorizontalAxis, horizontal_axis
 from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
@@ -35,6 +36,7 @@ class TendonForceDifference:
     root_mean_square: FloatArray
 
 
+@checked
 def tendon_force_difference(solution: Solution, reference: Solution) -> TendonForceDifference:
     """Compare the tendon forces of two solutions of one motion.
 
@@ -65,6 +67,7 @@ def tendon_force_difference(solution: Solution, reference: Solution) -> TendonFo
     )
 
 
+@checked
 def plot_tendon_forces(
     solutions: Mapping[str, Solution], *, title: str | None = None, horizontal: HorizontalAxis | None = None
 ) -> Figure:

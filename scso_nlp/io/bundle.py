@@ -8,11 +8,11 @@ classes, so new fields need no change.
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 import typing
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,8 +20,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from scso_nlp.exceptions import DataError, FileFormatError, ScsoError
-from scso_nlp.files import write_whole
+from scso_nlp.arguments import checked
+from scso_nlp.exceptions import FileFormatError, ScsoError
+from scso_nlp.files import read_bytes, write_whole
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
@@ -35,6 +36,7 @@ _Data = TypeVar("_Data")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Provenance:
     """Where the numbers of a bundle come from.
 
@@ -53,6 +55,7 @@ class Provenance:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
 
+@checked
 def save_bundle(
     path: str | os.PathLike[str],
     motion: Motion,
@@ -93,6 +96,7 @@ def save_bundle(
         np.savez(file, allow_pickle=False, **arrays)
 
 
+@checked
 def load_bundle(path: str | os.PathLike[str]) -> Motion:
     """Read a bundle.
 
@@ -115,12 +119,16 @@ def load_bundle(path: str | os.PathLike[str]) -> Motion:
         trajectory = _put_together(MotionTrajectory, "trajectory", values["trajectory"], arrays)
         muscles = _put_together(MuscleParameters, "muscles", values["muscles"], arrays)
         actuators = _put_together(ActuatorParameters, "actuators", values["actuators"], arrays)
-    except (KeyError, TypeError, ValueError, ScsoError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise FileFormatError(f"{path} is damaged: {reason}") from None
-    return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+        return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+    except ScsoError as error:
+        raise FileFormatError(f"{path} is damaged: {error}") from None
+    except KeyError as error:
+        raise FileFormatError(f"{path} is damaged: {error} is missing") from None
+    except (TypeError, ValueError, AttributeError):
+        raise FileFormatError(f"{path} is damaged: its header does not describe a motion") from None
 
 
+@checked
 def read_provenance(path: str | os.PathLike[str]) -> Provenance:
     """Read where the numbers of a bundle come from.
 
@@ -135,8 +143,8 @@ def read_provenance(path: str | os.PathLike[str]) -> Provenance:
     header, _ = _read(path)
     try:
         return Provenance(**header["provenance"])
-    except (KeyError, TypeError) as error:
-        raise FileFormatError(f"{path} is damaged: its provenance cannot be read ({error})") from None
+    except (KeyError, TypeError):
+        raise FileFormatError(f"{path} is damaged: its provenance cannot be read") from None
 
 
 def _take_apart(prefix: str, data: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -187,30 +195,26 @@ def _data_class(hint: Any) -> Any:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    if not path.is_file():
-        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    content = read_bytes(path)
     foreign = FileFormatError(f"{path} is not a motion bundle of this package")
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        raise foreign
+    # what zip files and NumPy's arrays say when they are damaged is of many kinds
     try:
-        if not zipfile.is_zipfile(path):
-            raise foreign
-        with zipfile.ZipFile(path) as archive:
-            damaged = archive.testzip()
-        if damaged is not None:
-            raise ValueError(f"{damaged} is not what was written")
-        with np.load(path, allow_pickle=False) as content:
-            if HEADER not in content.files:
-                raise foreign
-            arrays = {name: content[name] for name in content.files}
-        header = json.loads(arrays.pop(HEADER).tobytes().decode("utf-8"))
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
-        raise FileFormatError(f"{path} is damaged: {error}") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if archive.testzip() is not None:
+                raise zipfile.BadZipFile
+        loaded = np.load(io.BytesIO(content), allow_pickle=False)
+        arrays = {name: loaded[name] for name in loaded.files}
+        header = json.loads(arrays.pop(HEADER).tobytes()) if HEADER in arrays else None
+    except (Exception, MemoryError):
+        raise FileFormatError(f"{path} is damaged: it cannot be read as a motion bundle") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise foreign
     version = header.get("format_version")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         raise FileFormatError(
-            f"{path} has bundle version {version}, this package reads up to {FORMAT_VERSION}: update it"
+            f"{path} has bundle version {json.dumps(version)}, expected at most {FORMAT_VERSION}: update "
+            "this package"
         )
     return header, arrays

@@ -20,8 +20,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
-from scso_nlp.files import write_whole
+from scso_nlp.files import read_bytes, write_whole
+from scso_nlp.text import number, shown
 from scso_nlp.validation import BoolArray, FloatArray, IntArray, nearest, read_only
 
 logger = logging.getLogger("scso_nlp")
@@ -43,13 +45,13 @@ _SIMM_KEYS = (
 )
 _SIMM_KEY_VALUE = re.compile(rf"(name|{_SIMM_KEYS})\s+(.*)", re.IGNORECASE)
 _END_OF_HEADER = re.compile(rb"^[ \t]*endheader[ \t]*$", re.IGNORECASE | re.MULTILINE)
-_NUMBER = re.compile(rb"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
-_MICROSOFT_NAN = re.compile(rb"[-+]?(?:\d\.#(?:[QS]NAN|IND)\d*|nan\([^)\s]*\))", re.IGNORECASE)
+_MICROSOFT_NAN = re.compile(rb"[-+]?(?:\d\.#(?:[QS]NAN|IND)\d*|nan\(\w*\))", re.IGNORECASE)
 _MICROSOFT_INF = re.compile(rb"\d\.#INF\d*", re.IGNORECASE)
 _STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/value")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+@checked
 class Storage:
     """Named columns over time, with the header of a Storage file.
 
@@ -231,11 +233,13 @@ class Storage:
             if len(positions) > 1:
                 several = " or ".join(f"{i + 1} ({self.labels[i]})" for i in positions)
                 raise NameMismatchError(
-                    f"{self._where}: {label!r} is ambiguous, it may be column {several} after time"
+                    f"{self._where}: {label!r} is ambiguous, it may be column {several} after time, "
+                    "expected one"
                 )
         return np.array([positions[0] for positions in found], dtype=np.int64)
 
 
+@checked
 def read_storage(path: str | os.PathLike[str]) -> Storage:
     """Read a ``.sto`` or ``.mot`` file.
 
@@ -333,6 +337,7 @@ def with_distinct_times(storage: Storage) -> Storage:
     )
 
 
+@checked
 def write_storage(
     storage: Storage,
     path: str | os.PathLike[str],
@@ -393,17 +398,7 @@ def write_storage(
 
 def _content(path: Path) -> bytes:
     """Return the file's bytes with plain line ends and no byte order mark."""
-    try:
-        if not path.exists():
-            raise DataError(f"{path} does not exist")
-        if not path.is_file():
-            raise DataError(f"{path} is not a file, expected a .sto or .mot file")
-        with open(path, "rb") as file:
-            content = file.read(MAX_HEADER_BYTES)
-            if b"\0" not in content:
-                content += file.read()
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    content = read_bytes(path)
     if not content.strip():
         raise FileFormatError(f"{path} is empty, expected a .sto or .mot file")
     if b"\0" in content:
@@ -424,7 +419,7 @@ def _parse_header(text: str) -> tuple[str, dict[str, str], str]:
     title = ""
     header: dict[str, str] = {}
     free: list[str] = []
-    for number, line in enumerate(text.split("\n")[:-1]):
+    for position, line in enumerate(text.split("\n")[:-1]):
         stripped = line.strip()
         if stripped.startswith("#"):
             continue
@@ -433,7 +428,7 @@ def _parse_header(text: str) -> tuple[str, dict[str, str], str]:
             header[key_value.group(1)] = key_value.group(2).strip()
             if not "".join(free):
                 free.clear()
-        elif number == 0:
+        elif position == 0:
             title = stripped
         else:
             free.append(stripped)
@@ -446,7 +441,7 @@ def _parse_in_degrees(path: Path, header: Mapping[str, str]) -> bool | None:
         return None
     known = {"yes": True, "y": True, "true": True, "no": False, "n": False, "false": False}
     if value.lower() not in known:
-        raise FileFormatError(f"{path} has inDegrees={value!r}, expected yes or no")
+        raise FileFormatError(f"{path} has inDegrees={shown(value)}, expected yes or no")
     return known[value.lower()]
 
 
@@ -462,8 +457,8 @@ def _split_labels(path: Path, content: bytes, start: int) -> tuple[str, int, byt
         raise FileFormatError(f"{path} has no {what}: it ends after line {last_line}")
     # leading tabs belong to the line of labels
     line_start = content.rfind(b"\n", 0, label_start) + 1
-    number = content.count(b"\n", 0, label_start) + 1
-    return _decoded(content[line_start:label_end]), number, content[label_end + 1 :], number + 1
+    line_number = content.count(b"\n", 0, label_start) + 1
+    return _decoded(content[line_start:label_end]), line_number, content[label_end + 1 :], line_number + 1
 
 
 def _label_readings(line: str) -> list[tuple[str, ...]]:
@@ -507,7 +502,7 @@ def _parse_rows(
         )
     if labels[0].lower() != "time":
         raise FileFormatError(
-            f"{path}, line {label_line_number}: the first column is {labels[0]!r}, expected 'time'"
+            f"{path}, line {label_line_number}: the first column is {shown(labels[0])}, expected 'time'"
         )
     wrong = rows[counts[rows] != len(labels)]
     if len(wrong):
@@ -534,14 +529,15 @@ def _parse_rows(
 def _parse_slowly(path: Path, labels: tuple[str, ...], body: bytes, first_line: int) -> FloatArray:
     """Parse cell by cell, to name the first one that is not a number."""
     numbers: list[float] = []
-    for number, line in enumerate(body.split(b"\n"), start=first_line):
+    for line_number, line in enumerate(body.split(b"\n"), start=first_line):
         for label, token in zip(labels, line.split(), strict=False):
-            if not _NUMBER.fullmatch(token):
-                shown = _decoded(token[:40])
+            try:
+                numbers.append(number(_decoded(token)))
+            except ValueError:
                 raise FileFormatError(
-                    f"{path}, line {number}: expected a number in column {label!r}, found {shown!r}"
-                )
-            numbers.append(float(token))
+                    f"{path}, line {line_number}: expected a number in column {shown(label)}, "
+                    f"found {shown(_decoded(token))}"
+                ) from None
     return np.array(numbers)
 
 

@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.frame import Frame, MuscleState, Rows, VariableSpec
 from scso_nlp.motion import Motion
@@ -40,6 +41,7 @@ _LEAST_ACTIVATION = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class CompliantTendon(MuscleModel):
     r"""Fiber and tendon in equilibrium in every frame, with fiber length as an unknown.
 

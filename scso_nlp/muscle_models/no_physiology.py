@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from scso_nlp.arguments import checked
 from scso_nlp.frame import Frame, MuscleState
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class NoPhysiology(MuscleModel):
     r"""Tendon force :math:`F = a F_0` with the maximum isometric force.
 

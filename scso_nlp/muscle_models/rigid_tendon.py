@@ -10,6 +10,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.frame import Frame, MuscleState
 from scso_nlp.motion import Motion
@@ -26,6 +27,7 @@ _LOG = logging.getLogger("scso_nlp")
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class RigidTendon(MuscleModel):
     r"""Tendon force :math:`F = a\,c(t) + p(t)` with a tendon that keeps its slack length.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import NameMismatchError, ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.motion import Motion
@@ -49,6 +50,7 @@ class StiffnessLaw(abc.ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ProportionalStiffness(StiffnessLaw):
     r"""Stiffness :math:`k = q F / L`, with the tendon force and the length of the whole path.
 
@@ -100,6 +102,7 @@ class ProportionalStiffness(StiffnessLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ShortRangeStiffness(StiffnessLaw):
     r"""Short-range stiffness of the fibers, in series with the tendon.
 
@@ -159,6 +162,7 @@ class ShortRangeStiffness(StiffnessLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class FiberStiffness(StiffnessLaw):
     r"""Slope of the fibers' force-length curves at constant activation, in series with the tendon.
 

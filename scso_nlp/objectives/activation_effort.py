@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows, VariableSpec
 from scso_nlp.motion import Motion
@@ -22,6 +23,7 @@ _STEEP_EXPONENT = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ActivationEffort(FrameObjective):
     r"""Effort of muscles and actuators in each frame.   weight [-]   depends on: one frame.
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from scso_nlp.arguments import checked
 from scso_nlp.frame import Frame
 from scso_nlp.objectives.objective import FrameObjective
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class FunctionObjective(FrameObjective):
     """A cost from a function of one frame.   weight [unit of the function's inverse]   depends on: one frame.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,12 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.io.storage import Storage, read_storage, with_distinct_times
+from scso_nlp.opensim.model_names import ModelNames, model_names
 from scso_nlp.opensim.setup_xml import LoadSource, MotionInput, check_document, read_external_loads
+from scso_nlp.text import shown
+from scso_nlp.validation import shown_names
+
+_STATE_PATH = re.compile(r"(?:.*/)?([^/]+)/(value|speed)")
 
 logger = logging.getLogger("scso_nlp")
 
@@ -18,8 +24,12 @@ logger = logging.getLogger("scso_nlp")
 MIN_FRAMES = 6
 #: The filter resamples to the smallest step. If that is a smaller share of the median step than this [-] ...
 EVEN_STEPS = 0.1
+#: A motion shorter than this share of the period of its low-pass filter is hardly one after it [-].
+LEAST_PERIODS = 0.1
 #: ... at most so many numbers are resampled, which takes OpenSim half a minute.
 MOST_RESAMPLED = 3_000_000
+#: How the labels of a vector's three columns end. OpenSim takes them by their order alone.
+AXES = (["x", "y", "z"], ["1", "2", "3"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +43,7 @@ class CheckedInput:
     speeds: Storage | None
     speeds_in_degrees: bool  # unit of its angular speeds
     loads: LoadSource | None
+    load_table: Storage | None  # their data, without columns that are not finite
 
     @property
     def n_frames(self) -> int:
@@ -70,18 +81,27 @@ def check_input(motion: MotionInput) -> CheckedInput:
     check_document(motion.model, "Model")
     for path in motion.actuators:
         check_document(path, "ForceSet")
-    table = with_distinct_times(read_storage(motion.motion))
+    names = model_names(motion)
+    names.require("coordinate of held_coordinates", motion.held_coordinates, names.coordinates)
+    for what, chosen, known in (
+        ("coordinate", motion.curvature_coordinates, names.coordinates),
+        ("joint", [joint for joint, _ in motion.stability_axes], names.joints),
+    ):
+        names.require(what, [name for name in chosen if name != "all"], known)
+    table = with_distinct_times(_with_columns(read_storage(motion.motion)))
+    _refuse_repeated(table, names, "value")
     in_degrees = _in_degrees(motion, table)
     motion = _within(motion, table)
     _check_steps(motion, table)
     speeds, speeds_in_degrees = None, False
     if motion.speeds is not None:
         speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
+        _refuse_repeated(speeds, names, "speed")
         speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
-    loads = None
+    loads, load_table = None, None
     if motion.external_loads is not None:
         loads = read_external_loads(motion.external_loads)
-        _check_loads(motion, loads, table)
+        load_table = _load_table(motion, loads, table)
     return CheckedInput(
         motion=motion,
         table=table,
@@ -90,7 +110,34 @@ def check_input(motion: MotionInput) -> CheckedInput:
         speeds=speeds,
         speeds_in_degrees=speeds_in_degrees,
         loads=loads,
+        load_table=load_table,
     )
+
+
+def _with_columns(table: Storage) -> Storage:
+    if not table.labels:
+        raise DataError(f"{table.source} has no columns but time, expected some")
+    return table
+
+
+def _refuse_repeated(table: Storage, names: ModelNames, kind: str) -> None:
+    """Raise if a coordinate has two columns: OpenSim would take one of them and leave out the other.
+
+    `kind` is what plain names in this file stand for, ``"value"`` or ``"speed"``.
+    """
+    found: dict[tuple[str, str], list[str]] = {}
+    for label in table.labels:
+        path = _STATE_PATH.fullmatch(label)
+        coordinate, of = path.groups() if path else (label, kind)
+        if coordinate in names.coordinates:
+            found.setdefault((coordinate, of), []).append(label)
+    for (coordinate, _), labels in found.items():
+        # two joints may have coordinates of one name, each with a path of its own
+        if len(set(labels)) < len(labels) or (len(labels) > 1 and coordinate in labels):
+            raise DataError(
+                f"{table.source}: the columns {shown_names(labels)} are all of the coordinate "
+                f"{coordinate!r}, expected one; take out the others"
+            )
 
 
 def _in_degrees(motion: MotionInput, table: Storage) -> bool:
@@ -171,6 +218,16 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
     cutoff = motion.lowpass_cutoff_frequency
     if motion.states is not None or cutoff is None or cutoff < 0:
         return
+    length = float(table.time[-1] - table.time[0])
+    if cutoff * length < LEAST_PERIODS:
+        logger.warning(
+            "%s: the low-pass filter at %g Hz leaves next to nothing of the motion: its period is %.3g s, "
+            "the motion is %.3g s long",
+            motion.motion,
+            cutoff,
+            1 / cutoff,
+            length,
+        )
     steps = np.diff(table.time)
     row, typical = int(steps.argmin()), float(np.median(steps))
     smallest = float(steps[row])
@@ -184,15 +241,23 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
         )
 
 
-def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None:
-    data = read_storage(loads.data)
+def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
+    """Check the data of the loads; return the columns that OpenSim can read."""
+    data = _with_columns(read_storage(loads.data))
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
-        if len(columns) != 3:
-            found = ", ".join(data.labels[i] for i in columns) or "none"
+        labels = tuple(data.labels[i] for i in columns)
+        # OpenSim splits labels at blanks
+        if len(columns) != 3 or len(set(labels)) != 3 or any(len(label.split()) != 1 for label in labels):
             raise NameMismatchError(
-                f"{loads.data}: the load {load!r} needs three columns that start with {identifier!r}, "
-                f"found {found}"
+                f"{loads.data}: the load {shown(load)} needs three columns that start with "
+                f"{shown(identifier)}, found {shown(labels)[1:-1] or 'none'}"
+            )
+        ends = [label.removeprefix(identifier).lstrip("_").lower() for label in labels]
+        if sorted(ends) in AXES and ends != sorted(ends):
+            raise NameMismatchError(
+                f"{loads.data}: OpenSim takes the columns {', '.join(labels)} of the load {shown(load)} as "
+                "x, y and z in this order, expected them to be in the order of their names"
             )
         values = data.values[:, columns]
         if not np.isfinite(values).all():
@@ -209,3 +274,8 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
             f"{loads.data} covers {data.time[0]:.9g} to {data.time[-1]:.9g} s, expected the analyzed range "
             f"{first:.9g} to {last:.9g} s"
         )
+    # loads that are switched off need their columns too
+    finite = np.flatnonzero(np.isfinite(data.values).all(axis=0))
+    kept = [i for i in finite if len(data.labels[i].split()) == 1]
+    labels = tuple(data.labels[i] for i in kept)
+    return Storage(name="loads", labels=labels, time=data.time, values=data.values[:, kept], in_degrees=False)

@@ -26,6 +26,8 @@ from tqdm import tqdm
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.files import lock
+from scso_nlp.io.storage import Storage, write_storage
+from scso_nlp.opensim.setup_xml import LOADS_DATA
 from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
 from scso_nlp.signals import undisturbed
 
@@ -65,7 +67,13 @@ def number_of_workers(n_frames: int, processes: int | None) -> int:
     return max(min(cores, n_frames // MIN_FRAMES_PER_WORKER), 1)
 
 
-def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str | None) -> list[Result]:
+def extract(
+    job: Job,
+    n_workers: int,
+    progress: bool | None,
+    external_loads: str | None = None,
+    load_table: Storage | None = None,
+) -> list[Result]:
     """Let workers do a job.
 
     Parameters
@@ -75,7 +83,9 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     progress : bool or None
         Show a bar; None: on a terminal only.
     external_loads : str or None
-        XML of the external loads, with the data file's absolute path.
+        XML of the external loads.
+    load_table : Storage or None
+        Their data: what was checked is what OpenSim reads.
 
     Returns
     -------
@@ -91,6 +101,8 @@ def extract(job: Job, n_workers: int, progress: bool | None, external_loads: str
     """
     try:
         with _own_folder() as folder:
+            if load_table is not None:
+                write_storage(load_table, folder / LOADS_DATA)
             write_job(folder, job, external_loads)
             return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
     except BrokenPipeError:

@@ -16,8 +16,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, EngineError
-from scso_nlp.files import hashes, refuse_changed
+from scso_nlp.files import absolute, hashes, make_folder, refuse_changed, require_file
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
 from scso_nlp.motion import Motion
@@ -42,6 +43,7 @@ WORKER = Path(__file__).with_name("worker")
 TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 
 
+@checked
 def load_motion(
     setup: str | os.PathLike[str] | AnalyzeSetup | MotionInput | None = None,
     *,
@@ -127,20 +129,17 @@ def load_with_hashes(
     refuse_changed(inputs)
     if cache is None:
         return _extract(checked, inputs, processes, progress), inputs
-    folder = Path(cache)
+    folder = absolute(cache)
     provenance = _provenance(checked, inputs)
     bundle = folder / f"{_file_name(motion.name)}-{_key(provenance)[:16]}.npz"
-    if bundle.is_file():
+    if os.path.isfile(bundle):
         try:
             result = load_bundle(bundle)
             logger.info("read %s: OpenSim not needed", bundle)
             return result, inputs
         except DataError as error:
             logger.warning("the cached motion is computed again: %s", error)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"the cache folder {folder} cannot be made: {error.strerror or error}") from None
+    make_folder(folder)
     result = _extract(checked, inputs, processes, progress)
     try:
         save_bundle(bundle, result, provenance=provenance)
@@ -155,7 +154,8 @@ def _extract(
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
     loads = None if checked.loads is None else checked.loads.text
-    return assemble(checked.motion, crew.extract(_job(checked, inputs), n_workers, progress, loads))
+    results = crew.extract(_job(checked, inputs), n_workers, progress, loads, checked.load_table)
+    return assemble(checked.motion, results)
 
 
 def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:
@@ -216,8 +216,7 @@ def _input_files(motion: MotionInput) -> list[Path]:
     """List every input file, with those that the files themselves name."""
     paths = list(motion.files())
     for path in paths:
-        if not path.is_file():
-            raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+        require_file(path)
     if motion.external_loads is not None:
         paths.append(read_external_loads(motion.external_loads).data)
     for path in (motion.model, *motion.actuators):

@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,10 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
+from scso_nlp.arguments import checked_as
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.files import absolute, read_bytes
+from scso_nlp.text import number, shown
 from scso_nlp.validation import unique_names
 
 logger = logging.getLogger("scso_nlp")
@@ -27,6 +31,22 @@ logger = logging.getLogger("scso_nlp")
 DEFAULT_INITIAL_TIME, DEFAULT_FINAL_TIME = 0.0, 1.0
 #: Output digits where the file names none.
 DEFAULT_OUTPUT_PRECISION = 8
+#: Elements of models and force sets whose text is one number.
+SCALARS = frozenset(
+    {
+        "mass",
+        "max_contraction_velocity",
+        "max_control",
+        "max_isometric_force",
+        "min_control",
+        "optimal_fiber_length",
+        "optimal_force",
+        "pennation_angle_at_optimal",
+        "tendon_slack_length",
+    }
+)
+#: Name of the table of external loads that OpenSim is given.
+LOADS_DATA = "external_loads.sto"
 #: Elements of documents older than OpenSim 3 and what they are called now.
 OLD_NAMES = {
     "force_set_files": "actuator_set_files",
@@ -35,10 +55,21 @@ OLD_NAMES = {
 }
 
 
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+#: C++ names such as ``HuntCrossleyForce::ContactParameters``, which the standard does not allow as tags.
+_COLONS = re.compile(rb"(</?\w+)::")
+#: Elements nested deeper end OpenSim without a word, and Python itself; models nest about twenty deep.
+DEEPEST = 200
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked_as(
+    actuators=str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    outside_force_set=str | Iterable[str],
+    held_coordinates=str | Iterable[str],
+    curvature_coordinates=str | Iterable[str],
+    **dict.fromkeys(("model",), str | os.PathLike[str]),
+    **dict.fromkeys(("coordinates", "states", "speeds", "external_loads"), str | os.PathLike[str] | None),
+)
 class MotionInput:
     """What OpenSim needs to know to turn a model and a motion into arrays.
 
@@ -111,10 +142,10 @@ class MotionInput:
         set_field = object.__setattr__
         for name in ("model", "coordinates", "states", "speeds", "external_loads"):
             path = getattr(self, name)
-            set_field(self, name, None if path is None else _absolute(path))
+            set_field(self, name, None if path is None else absolute(path))
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
-        set_field(self, "actuators", tuple(_absolute(path) for path in self.actuators))
+        set_field(self, "actuators", tuple(absolute(path) for path in self.actuators))
         for name in ("outside_force_set", "held_coordinates", "curvature_coordinates"):
             names = getattr(self, name)
             set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
@@ -135,6 +166,12 @@ class MotionInput:
             value = getattr(self, name)
             if value is not None and math.isnan(value):
                 raise DataError(f"{name} is not a number")
+        cutoff = self.lowpass_cutoff_frequency
+        if cutoff in (0, math.inf):
+            raise DataError(
+                f"lowpass_cutoff_frequency is {cutoff:g} Hz, expected a positive number, or a "
+                "negative one for no filter"
+            )
         for name, whole in (("initial_time", -math.inf), ("final_time", math.inf)):
             if getattr(self, name) == whole:
                 set_field(self, name, None)
@@ -200,7 +237,7 @@ class LoadSource:
     Attributes
     ----------
     text : str
-        The XML with an absolute path of the data file, as OpenSim can read it on any system.
+        The XML, with :data:`LOADS_DATA` beside it as its data file.
     data : Path
         The data file.
     identifiers : tuple of (str, str)
@@ -248,8 +285,8 @@ def read_analyze_setup(path: str | os.PathLike[str]) -> AnalyzeSetup:
     analysis = _Reader(path, _static_optimization(path, tool))
     if not analysis.flag("use_model_force_set", True):
         raise DataError(
-            f"{path}: use_model_force_set is false, which replaces the muscles by one actuator per "
-            "coordinate; set it to true, or use OpenSim's InverseDynamicsTool"
+            f"{path}: use_model_force_set is false, expected true, because it replaces the muscles by one "
+            "actuator per coordinate; set it to true, or use OpenSim's InverseDynamicsTool"
         )
     name = tool.get("name", "").strip() or "AnalyzeTool"
     initial = reader.number("initial_time", DEFAULT_INITIAL_TIME)
@@ -336,16 +373,18 @@ def read_external_loads(path: Path) -> LoadSource:
     if element is None or not text:
         raise DataError(f"{path}: datafile is empty, expected the path of a .mot or .sto file")
     data = reader.path(text)
-    if not data.is_file():
-        raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
-    element.text = str(data)
+    if not os.path.isfile(data):
+        raise DataError(
+            f"{path}: datafile {shown(text)} does not exist (looked for {shown(str(data), 150)[1:-1]})"
+        )
+    element.text = LOADS_DATA
     identifiers = []
     objects = loads.find("objects")
     for load in list(objects) if objects is not None else []:
         if load.tag != "ExternalForce":
             raise DataError(
-                f"{path}: {load.get('name')!r} is a {load.tag}, which OpenSim 4 does not read here; expected "
-                "ExternalForce"
+                f"{path}: {load.get('name', '')!r} is a {load.tag}, which OpenSim 4 does not read here; "
+                "expected ExternalForce"
             )
         own = _Reader(path, load)
         if not own.flag("appliesForce", True) or own.flag("isDisabled", False):
@@ -394,25 +433,47 @@ def read_xml(path: Path) -> Element:
     FileFormatError
         Not well-formed, or it declares entities.
     """
-    if not path.is_file():
-        raise DataError(f"{path} does not exist" if not path.exists() else f"{path} is not a file")
+    content = _COLONS.sub(rb"\1__", _without_comments(read_bytes(path)))
     try:
-        content = _COMMENT.sub(lambda comment: b"\n" * comment.group().count(b"\n"), path.read_bytes())
         root: Element = ElementTree.fromstring(content)
-        return root
+    except LookupError as error:
+        raise FileFormatError(f"{path} cannot be read: {error}; save it in UTF-8") from None
     except DefusedXmlException:
         raise FileFormatError(f"{path} declares XML entities, which are not accepted") from None
     except (ParseError, UnicodeDecodeError, ValueError) as error:
         raise FileFormatError(f"{path} is not well-formed XML: {error}") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    if _is_deeper(root, DEEPEST):
+        raise FileFormatError(f"{path} has elements nested more than {DEEPEST} deep, expected a few dozen")
+    return root
+
+
+def _without_comments(content: bytes) -> bytes:
+    """Take comments out, line ends in them stay; one that does not end is left for the parser to refuse."""
+    kept = []
+    start = 0
+    while (opening := content.find(b"<!--", start)) >= 0:
+        end = content.find(b"-->", opening + 4)
+        if end < 0:
+            break
+        kept += [content[start:opening], b"\n" * content.count(b"\n", opening, end)]
+        start = end + 3
+    return b"".join((*kept, content[start:]))
+
+
+def _is_deeper(root: Element, levels: int) -> bool:
+    """Tell if elements are nested in more levels, the root counted."""
+    level = [root]
+    while level and levels:
+        level = [child for element in level for child in element]
+        levels -= 1
+    return bool(level)
 
 
 def check_document(path: Path, kind: str) -> None:
     """Check that a file is an OpenSim document of some kind, before OpenSim reads it.
 
     OpenSim reads some files that the XML standard does not allow; these are left to OpenSim if they look
-    complete.
+    complete. Where a number cannot be read OpenSim takes its default without a word; here it is refused.
 
     Parameters
     ----------
@@ -425,19 +486,23 @@ def check_document(path: Path, kind: str) -> None:
     DataError
         No such file.
     FileFormatError
-        Cut off, not XML at all, entities, or something else inside.
+        Cut off, not XML at all, entities, something else inside, or a number of a body, muscle or actuator
+        that is none.
     """
     try:
         root = read_xml(path)
     except FileFormatError as error:
-        tail = path.read_bytes()[-4096:] if path.is_file() else b""
-        if isinstance(error.__context__, DefusedXmlException) or f"</{kind}>".encode() not in tail:
+        tail = read_bytes(path)[-4096:]
+        if not isinstance(error.__context__, ParseError) or f"</{kind}>".encode() not in tail:
             raise
         logger.warning("%s, left to OpenSim", error)
         return
     if root.tag != kind and root.find(kind) is None:
         inside = ", ".join(child.tag for child in root) if root.tag == "OpenSimDocument" else root.tag
         raise FileFormatError(f"{path} holds {inside or 'nothing'}, expected {kind}")
+    for element in root.iter():
+        if element.tag in SCALARS and (text := (element.text or "").strip()):
+            _as_number(path, element.tag, text)
 
 
 def _static_optimization(path: Path, tool: Element) -> Element:
@@ -459,6 +524,16 @@ def _static_optimization(path: Path, tool: Element) -> Element:
     if others:
         logger.info("%s: other analyses are left out: %s", path, ", ".join(others))
     return active[0]
+
+
+def _as_number(source: Path, name: str, text: str) -> float:
+    try:
+        value = number(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise FileFormatError(f"{source}: {name} is {shown(text)}, expected a number")
+    return value
 
 
 class _Reader:
@@ -487,14 +562,17 @@ class _Reader:
         text = self.text(name)
         if not text or text.lower() == "unassigned":
             return ()
-        if self.path(text).is_file():
+        if os.path.isfile(self.path(text)):
             return (self.path(text),)
         return tuple(self._existing(name, part) for part in text.split())
 
     def _existing(self, name: str, text: str) -> Path:
         path = self.path(text)
-        if not path.is_file():
-            raise DataError(f"{self.source}: {name} {text!r} does not exist (looked for {path})")
+        if not os.path.isfile(path):
+            raise DataError(
+                f"{self.source}: {name} {shown(text)} does not exist (looked for "
+                f"{shown(str(path), 150)[1:-1]})"
+            )
         return path
 
     def flag(self, name: str, default: bool) -> bool:
@@ -505,19 +583,11 @@ class _Reader:
             return True
         if text in ("false", "0"):
             return False
-        raise FileFormatError(f"{self.source}: {name} is {text!r}, expected true or false")
+        raise FileFormatError(f"{self.source}: {name} is {shown(text)}, expected true or false")
 
     def number(self, name: str, default: float) -> float:
         text = self.text(name)
-        if not text:
-            return default
-        try:
-            value = float(text)
-        except ValueError:
-            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number") from None
-        if math.isnan(value):
-            raise FileFormatError(f"{self.source}: {name} is {text!r}, expected a number")
-        return value
+        return _as_number(self.source, name, text) if text else default
 
     def whole_number(self, name: str, default: int, of: _Reader | None = None) -> int:
         value = (of or self).number(name, default)
@@ -530,10 +600,6 @@ def _below(folder: Path, text: str) -> Path:
     """Join a path as written in a setup file, with slashes of either kind, to a folder."""
     plain = text if os.name == "nt" else text.replace("\\", "/")
     return Path(os.path.normpath(folder / plain))
-
-
-def _absolute(path: str | os.PathLike[str]) -> Path:
-    return Path(os.path.abspath(os.path.expanduser(path)))
 
 
 def with_changes(motion: MotionInput | None, changes: dict[str, Any]) -> MotionInput:

@@ -24,7 +24,7 @@ from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
 from scso_nlp.figures.frames import FEW_FRAMES
-from scso_nlp.files import write_whole
+from scso_nlp.files import read_bytes, write_whole
 
 #: A figure larger than this as a vector is embedded as pixels instead [bytes].
 LARGEST_VECTOR = 400_000
@@ -172,10 +172,7 @@ def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
 
 def _picture(path: Path) -> tuple[str, str]:
     """Give caption and address of a PNG file."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}") from None
+    content = read_bytes(path)
     if not content.startswith(b"\x89PNG\r\n\x1a\n"):
         raise DataError(f"{path} is not a PNG file, expected one to embed")
     return f"{path.parent.name}: {path.stem.replace('_', ' ')}", _address("image/png", content)

@@ -23,9 +23,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.files import sha256, write_whole
+from scso_nlp.files import absolute, check_name, sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -123,6 +124,7 @@ class RunRecord:
     notes: tuple[str, ...] = ()
 
 
+@checked
 def write_solution(
     solution: Solution,
     folder: str | os.PathLike[str],
@@ -177,7 +179,7 @@ def write_solution(
     """
     return write_where_free(
         solution,
-        Path(os.path.abspath(folder)),
+        absolute(folder),
         lambda _: True,
         analysis_name=analysis_name,
         record=record,
@@ -222,7 +224,7 @@ def write_where_free(
     """
     name, record = solution.problem.motion.trajectory.name, record or RunRecord()
     for part in (name, analysis_name):
-        _check_name(part)
+        check_name(part)
     is_complete = bool(solution.is_solved.all())
     has_results = keep_failed or is_complete
     report = _report(solution, record, baseline)
@@ -255,13 +257,6 @@ def write_where_free(
             return tuple(folder / file for file in (*_found(folder, own), REPORT))
     except OSError as error:
         raise DataError(f"results cannot be written to {wanted}: {error.strerror or error}") from None
-
-
-def _check_name(name: str) -> None:
-    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or not c.isprintable() for c in name):
-        raise DataError(
-            f"the name {name!r} cannot start a file name, expected printable characters without slashes"
-        )
 
 
 def own_files(name: str, analysis_name: str) -> re.Pattern[str]:

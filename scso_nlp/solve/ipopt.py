@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import logging
+import mmap
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -14,13 +16,18 @@ from types import FrameType
 import casadi as ca
 import numpy as np
 
-from scso_nlp.exceptions import ProblemError
+from scso_nlp.arguments import checked
+from scso_nlp.exceptions import EngineError, ProblemError
 from scso_nlp.solution import Status
 from scso_nlp.solve.threads import one_thread
+from scso_nlp.text import shown
 from scso_nlp.transcription.build import Nlp
 from scso_nlp.validation import FloatArray
 
 _LOG = logging.getLogger("scso_nlp")
+
+#: OpenBLAS, below IPOPT's linear algebra, takes 128 MB at once for every thread [bytes].
+BLAS_BUFFER = 2**28
 
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -51,6 +58,7 @@ _CONFIRMING: dict[str, object] = {
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SolverOptions:
     """Options of both solvers.
 
@@ -82,8 +90,8 @@ class SolverOptions:
             raise ProblemError(f"tolerance is {self.tolerance:g}, expected a number between 0 and 1")
         for name in ("max_iterations", "frames_per_program"):
             value = getattr(self, name)
-            if not isinstance(value, int | np.integer) or value < 1:
-                raise ProblemError(f"{name} is {value}, expected a whole number of at least 1")
+            if not isinstance(value, int | np.integer) or not 1 <= value < 2**31:
+                raise ProblemError(f"{name} is {shown(value)}, expected a whole number of at least 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +178,7 @@ def call_ipopt(
     -----
     What a signal handler raises meanwhile, such as KeyboardInterrupt, ends the solve and is raised from here.
     """
+    _require_memory()
     given = {"x0": x0, "p": p, "lbx": bounds[0], "ubx": bounds[1], "lbg": row_bounds[0], "ubg": row_bounds[1]}
     if multipliers is not None:
         given["lam_x0"], given["lam_g0"] = multipliers
@@ -184,6 +193,18 @@ def call_ipopt(
     return IpoptAnswer(
         x=x, lam_g=np.asarray(answer["lam_g"]).ravel(), status=status, iterations=int(stats["iter_count"])
     )
+
+
+@functools.cache
+def _require_memory() -> None:
+    """Raise unless IPOPT's linear algebra can get its buffers: without them it asks again for ever."""
+    try:
+        mmap.mmap(-1, BLAS_BUFFER).close()
+    except OSError as error:
+        raise EngineError(
+            f"the solver needs {BLAS_BUFFER / 2**20:.0f} MB of memory, which the system does not give "
+            f"({error.strerror or error}): raise the limit of this process (ulimit -v)"
+        ) from None
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.solution import (
@@ -140,6 +141,7 @@ def unknowns_of(program: FrameProgram, solution: Solution | None) -> FloatArray:
     return np.where(np.isfinite(given), given, guess) / program.layout.scale
 
 
+@checked
 def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
     """Evaluate further stability constraints at a solution.
 
@@ -366,19 +368,32 @@ def _statuses(
     otherwise = Status.LOCALLY_INFEASIBLE
     if not (program.split.nonlinear or program.is_coupled):
         otherwise = Status.NUMERICAL_ERROR
+    undefined = program.undefined(_somewhere(program, outcome.unknowns)) if failed.any() else {}
     for k in range(len(status)):
         if k in impossible or (program.is_coupled and impossible and failed[k]):
             status[k] = Status.INFEASIBLE
         elif status[k] is Status.INFEASIBLE:
             status[k] = otherwise
-        if failed[k] and k not in impossible and np.isfinite(outcome.unknowns[k]).all():
+        if not failed[k] or k in impossible:
+            continue
+        if status[k] is Status.NUMERICAL_ERROR and k in undefined:
+            shortfalls.append(
+                Shortfall.of_objective(frame=k, time=float(program.time[k]), objective=undefined[k])
+            )
+        elif np.isfinite(outcome.unknowns[k]).all():
             shortfalls += worst_rows(program, rows, matrices, k)
     scales = _scales(program)
     return (
         tuple(status),
-        tuple(sorted(shortfalls, key=lambda s: -s.amount / scales[s.constraint])),
+        tuple(sorted(shortfalls, key=lambda s: -s.amount / scales.get(s.constraint, 1.0))),
         tuple(impossible[k].proof for k in sorted(impossible)),
     )
+
+
+def _somewhere(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
+    """Last iterates (n_frames, size), and the terms' guesses where there is none."""
+    guess = program.layout.rows("guess", len(unknowns)) / program.layout.scale
+    return np.where(np.isfinite(unknowns), unknowns, guess)
 
 
 def _scales(program: FrameProgram) -> dict[str, float]:
@@ -394,11 +409,11 @@ def _scaled_violation(
     worst = np.zeros(program.time.size)
     for name, row in rows.items():
         if not row.is_observed:
-            missing = np.nan_to_num(row.violation) / scales[name]
+            missing = np.nan_to_num(row.violation) / scales.get(name, 1.0)
             worst = np.maximum(worst, missing.max(axis=1, initial=0.0))
     for name, matrix in matrices.items():
         if not matrix.is_observed:
-            worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales[name])
+            worst = np.maximum(worst, np.nan_to_num(matrix.violation) / scales.get(name, 1.0))
     return worst
 
 
@@ -411,7 +426,7 @@ def _scaled_miss(
     results: list[tuple[str, RowResult | MatrixResult]] = [*rows.items(), *matrices.items()]
     for name, found in results:
         if not found.is_observed:
-            missed = np.nan_to_num(found.missed).reshape(worst.size, -1) / scales[name]
+            missed = np.nan_to_num(found.missed).reshape(worst.size, -1) / scales.get(name, 1.0)
             worst = np.maximum(worst, missed.max(axis=1, initial=0.0))
     return worst
 

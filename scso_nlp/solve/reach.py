@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
+from scso_nlp.arguments import checked
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import ProblemError
@@ -42,6 +43,7 @@ _LEAST_HELP = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Reach:
     """How far the stability of one constraint can be raised in every frame.
 
@@ -117,6 +119,7 @@ class Reach:
         return tuple(sentences)
 
 
+@checked
 def reachable_stability(problem: MuscleForceProblem) -> tuple[Reach, ...]:
     """Find how much stability every frame can have, for each stability constraint of a problem.
 
@@ -228,6 +231,7 @@ def _reach_of_matrix(model: LocalModel, term: StabilityConstraint) -> Reach:
     )
 
 
+@checked
 def critical_q(problem: MuscleForceProblem, baseline: Solution | None = None) -> FloatArray:
     r"""Find the gain q above which stability has no effect: plain static optimization keeps every row.
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import CouplingError, ProblemError
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
@@ -33,6 +34,7 @@ _MAX_ROUNDS = 100
 _TOLERANCE_OF_ADDED_ROWS = 1e-10
 
 
+@checked
 def solve_trajectory(
     problem: MuscleForceProblem,
     *,
@@ -71,6 +73,7 @@ def solve_trajectory(
     return _solve(problem, "trajectory", initial_guess, options or SolverOptions(), on_failure)
 
 
+@checked
 def solve_framewise(
     problem: MuscleForceProblem,
     *,

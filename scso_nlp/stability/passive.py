@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
 from scso_nlp.validation import FloatArray, positions, read_only
 
@@ -30,6 +31,7 @@ _SYMMETRY_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class LumbarJoint:
     """What a model's joint stands for: so many levels in series, and which of its rows turn which way.
 
@@ -61,6 +63,7 @@ class LumbarJoint:
         object.__setattr__(self, "rows", MappingProxyType(dict(self.rows)))
 
 
+@checked
 def lumbar_passive_stiffness(*joints: LumbarJoint) -> dict[str, float]:
     r"""Passive stiffness of lumped lumbar joints by row.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from scso_nlp.arguments import checked
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.derivatives import Entries, Mapped, derivative_functions
 from scso_nlp.transcription.describe import FrameProgram, describe
@@ -253,6 +254,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Program:
     r"""A whole problem as one nonlinear program for any solver.
 
@@ -305,6 +307,7 @@ class Program:
         return "\n".join(lines)
 
 
+@checked
 def build_program(problem: MuscleForceProblem) -> Program:
     """Write a problem down as one program over all its frames.
 

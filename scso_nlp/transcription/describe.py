@@ -13,8 +13,15 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import MatrixRows, Rows, VariableSpec
 from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.transcription.layout import Layout, collect_data, make_layout, make_symbols
-from scso_nlp.transcription.piece import Key, Piece
+from scso_nlp.transcription.layout import (
+    ABOUT_SYMBOLS,
+    Layout,
+    collect_data,
+    make_layout,
+    make_symbols,
+    named_faults,
+)
+from scso_nlp.transcription.piece import Key, Piece, evaluate
 from scso_nlp.transcription.rows import (
     MatrixBlock,
     RowBlock,
@@ -76,6 +83,22 @@ class FrameProgram:
         """True if some term couples frames."""
         return bool(self.problem.coupled_terms)
 
+    def undefined(self, unknowns: FloatArray) -> dict[int, str]:
+        """Find the frames whose cost, or the slope of it, is no number at scaled unknowns (n_frames, size).
+
+        Returns
+        -------
+        dict of int to str
+            By frame, the first objective of which this holds.
+        """
+        found: dict[int, str] = {}
+        for name, piece in self.objectives:
+            slope = ca.densify(ca.gradient(piece.expression, piece.all_unknowns))
+            values = evaluate(piece, piece.function(piece.expression, slope), unknowns, self.arrays)
+            wrong = np.isnan(np.concatenate(values, axis=1)).any(axis=1)
+            found = {int(k): name for k in np.flatnonzero(wrong)} | found
+        return found
+
     @property
     def degree(self) -> float | None:
         """Say d if unknowns s times as large cost s^d times as much, prices of misses included; else None."""
@@ -130,25 +153,32 @@ class _Description:
         answers.append((model.name, model.rows(self.now.for_term(model.name, frame), motion), False))
         for term in problem.objectives:
             own = self.now.for_term(term.name, frame)
-            if isinstance(term, FramePairObjective):
-                value = term.value(own, self.later.for_term(term.name, later_frame), self.dt)
-            else:
-                value = term.value(own)
-                answers.append((term.name, term.rows(own), False))
+            with named_faults(f"objective {term.name}"):
+                if isinstance(term, FramePairObjective):
+                    value = term.value(own, self.later.for_term(term.name, later_frame), self.dt)
+                else:
+                    value = term.value(own)
+                    answers.append((term.name, _rows(term.name, term.rows(own)), False))
             scalar = _scalar(term.name, value)
             if not np.isfinite(term.weight):
                 raise ProblemError(f"weight of {term.name} is {term.weight:g}, expected a finite number")
             costs.append((term.name, term.weight * scalar, isinstance(term, FramePairObjective)))
         for constraint in problem.constraints:
             own = self.now.for_term(constraint.name, frame)
-            if isinstance(constraint, FrameConstraint):
-                answers.append((constraint.name, constraint.rows(own, motion), False))
-            else:
-                other = self.later.for_term(constraint.name, later_frame)
-                answers.append((constraint.name, constraint.rows(own, other, self.dt, motion), True))
-        observed = [
-            (term.name, term.rows(self.now.for_term(term.name, frame), motion)) for term in problem.observed
-        ]
+            with named_faults(f"constraint {constraint.name}"):
+                rows: object
+                if isinstance(constraint, FrameConstraint):
+                    rows = constraint.rows(own, motion)
+                else:
+                    other = self.later.for_term(constraint.name, later_frame)
+                    rows = constraint.rows(own, other, self.dt, motion)
+            is_pair = not isinstance(constraint, FrameConstraint)
+            answers.append((constraint.name, _rows(constraint.name, rows), is_pair))
+        observed = []
+        for seen in problem.observed:
+            with named_faults(f"constraint {seen.name}"):
+                rows = seen.rows(self.now.for_term(seen.name, frame), motion)
+            observed.append((seen.name, _rows(seen.name, rows)))
         missed = [self._may_be_missed(name, rows, is_pair, costs) for name, rows, is_pair in answers]
 
         blocks: list[RowBlock] = []
@@ -159,7 +189,7 @@ class _Description:
                 matrices.append(block)
             elif block is not None:
                 blocks.append(block)
-        seen = [self._block(name, rows, False, None, None) for name, rows in observed]
+        of_observed = [self._block(name, rows, False, None, None) for name, rows in observed]
         tables = [RowTable(tuple(b for b in blocks if b.is_pair == is_pair)) for is_pair in (False, True)]
         quantities = {
             f"{name}.{key}": self._piece(ca.densify(ca.SX(column)), False)
@@ -175,7 +205,7 @@ class _Description:
             rows=tables[0],
             pair_rows=tables[1],
             matrices=tuple(matrices),
-            observed=tuple(block for block in seen if block is not None),
+            observed=tuple(block for block in of_observed if block is not None),
             split=self._split(tables[0], tables[1]),
             tendon_force=self._piece(ca.densify(frame.muscle.tendon_force), False),
             quantities=quantities,
@@ -251,6 +281,12 @@ class _Description:
         return SplitRows(affine=parts[0][0], affine_pairs=parts[1][0], nonlinear=(*parts[0][1], *parts[1][1]))
 
 
+def _rows(name: str, answer: object) -> Rows | MatrixRows | None:
+    if answer is None or isinstance(answer, Rows | MatrixRows):
+        return answer
+    raise ProblemError(f"{name} returned {type(answer).__name__}, expected Rows or MatrixRows")
+
+
 def _scalar(name: str, value: object) -> ca.SX:
     try:
         symbol = ca.SX(value)
@@ -260,4 +296,6 @@ def _scalar(name: str, value: object) -> ca.SX:
         ) from None
     if symbol.numel() != 1:
         raise ProblemError(f"objective {name} returned shape {symbol.shape}, expected one number per frame")
+    if symbol.is_constant() and np.isnan(float(symbol)):
+        raise ProblemError(f"objective {name} is nan in every frame, expected a number; {ABOUT_SYMBOLS}")
     return symbol

@@ -5,16 +5,27 @@ The only place where arrays (frames first) and columns of symbols (one frame eac
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from scso_nlp.exceptions import DataError, ProblemError
+from scso_nlp.exceptions import DataError, ProblemError, ScsoError
 from scso_nlp.frame import Frame, MuscleState, VariableSpec
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.validation import FloatArray
+
+#: What own terms are told that treat symbols like numbers.
+ABOUT_SYMBOLS = (
+    "a frame holds symbols, not numbers: casadi.if_else, casadi.fmax and casadi.sqrt work on them, if, max "
+    "and math.sqrt do not"
+)
+#: How errors of CasADi begin.
+_PLACE_IN_CASADI = re.compile(r"^\S*casadi/\S*: ")
 
 #: All frames, as an index.
 ALL = slice(None)
@@ -118,7 +129,8 @@ def make_layout(problem: MuscleForceProblem) -> Layout:
         ),
     ]
     for term in problem.terms:
-        specs = term.variables(motion)
+        with named_faults(term.name):
+            specs = term.variables(motion)
         if specs and term.name in {t.name for t in problem.observed}:
             raise ProblemError(f"{term.name} has unknowns of its own and cannot be observed")
         wanted += [(term.name, spec) for spec in specs]
@@ -206,6 +218,25 @@ def make_symbols(
     return FrameSymbols(layout=layout, unknowns=ca.SX.sym(f"x{suffix}", layout.size), data=data)
 
 
+@contextlib.contextmanager
+def named_faults(who: str) -> Iterator[None]:
+    """Say whose code it was that failed; errors of this package say what is wrong themselves.
+
+    Raises
+    ------
+    ProblemError
+        What the term's own code raised, with its cause.
+    """
+    try:
+        yield
+    except ScsoError:
+        raise
+    except Exception as error:
+        said = textwrap.shorten(_PLACE_IN_CASADI.sub("", str(error)), 160)
+        hint = f"; {ABOUT_SYMBOLS}" if "asadi" in str(error) else ""
+        raise ProblemError(f"{who} raised {type(error).__name__}: {said or 'no words'}{hint}") from error
+
+
 def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArray]:
     """All given arrays of a problem by owner and name, frames first."""
     motion = problem.motion
@@ -221,8 +252,9 @@ def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArra
         )
     }
     for term in problem.terms:
-        for name, values in term.data(motion).items():
-            array = np.asarray(values, dtype=float)
+        with named_faults(term.name):
+            given = {name: np.asarray(values, dtype=float) for name, values in term.data(motion).items()}
+        for name, array in given.items():
             if array.ndim == 0 or array.shape[0] != trajectory.n_frames:
                 raise DataError(
                     f"data {name!r} of {term.name} has shape {array.shape}, expected "

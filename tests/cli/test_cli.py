@@ -287,7 +287,7 @@ def test_where_results_cannot_go_is_said_before_the_motion_is_read(spine):
         (("setup.xml", "--stability", "full", "--axes", "z"), "axes has no effect while stability is 'full'"),
         (("setup.xml", "--stability", "full", "--coordinates", "knee"), "unknown coordinate 'knee'"),
         (("setup.xml", "--stability", "diagonal", "--stiffness", "soft"), "stiffness is 'soft'"),
-        (("setup.xml", "--stability", "diagonal", "--passive", "none.toml"), "none.toml cannot be read"),
+        (("setup.xml", "--stability", "diagonal", "--passive", "none.toml"), "none.toml does not exist"),
         (("setup.xml", "--stability", "full", "--soft", "-1"), "soft is -1, expected a positive price"),
         (("setup.xml", "--stability", "potvin-brown", "--q", "-1"), "q is -1"),
         (("setup.xml", "--stability", "potvin-brown", "--q", "five"), "q is 'five', expected a number"),

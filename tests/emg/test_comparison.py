@@ -1,6 +1,7 @@
 """Comparisons of results whose numbers are known, read from memory and from folders."""
 
 import csv
+import dataclasses
 import json
 import math
 
@@ -251,6 +252,8 @@ def test_folders_of_one_name_get_labels_that_differ(tmp_path):
         ({"program": "other"}, FileFormatError, "not a report of scso_nlp"),
         ({"frame_status": ["SOLVED"]}, FileFormatError, "not of one run"),
         ({"frame_status": "SOLVED"}, FileFormatError, "'frame_status' is missing or not a list"),
+        ({"frame_status": ["SOLVED", "SOLVD", "SOLVED"]}, FileFormatError, "'SOLVD' is no status of a frame"),
+        ({"frame_status": ["SOLVED", 1, "SOLVED"]}, FileFormatError, "1 is no status of a frame"),
         ({"problem": {}}, FileFormatError, "does not say which of the 3 columns"),
         ({"name": "../walk"}, FileFormatError, "cannot be the start of file names"),
         ({"name": "run"}, DataError, r"has 0 files run_\*_activation.sto"),
@@ -260,6 +263,35 @@ def test_folders_of_one_name_get_labels_that_differ(tmp_path):
 def test_each_fault_of_a_result_folder_is_named(tmp_path, report, error, message):
     with pytest.raises(error, match=message):
         read_result(written_folder(tmp_path, **report))
+
+
+def test_a_stability_file_belongs_to_its_run(tmp_path):
+    folder = written_folder(tmp_path, files_sha256={"walk_stability.sto": "0"})
+    stability = folder / "walk_stability.sto"
+    good = stability.read_text()
+    stability.write_text(good.replace("\n1.0\t", "\n1.5\t"))
+    with pytest.raises(FileFormatError, match=r"walk_stability\.sto and .* have different frames"):
+        read_result(folder)
+    stability.write_text(good.replace("\t9.0", "\tinf", 1))
+    with pytest.raises(DataError, match=r"results: stability of 'results' is inf for ankle_z at t = 0 s"):
+        read_result(folder)
+    stability.unlink()
+    with pytest.raises(DataError, match=r"walk_stability\.sto does not exist"):
+        read_result(folder)
+
+
+@pytest.mark.parametrize(
+    "change", [{"back": 1e300 * WAVE}, {"abdomen": np.where(TIME[3] == TIME, 1e10, 0.0)}]
+)
+def test_activations_beyond_all_measure_are_refused(change):
+    with pytest.raises(DataError, match=r"the activation of 'a' is up to .*e\+.*, expected a fraction"):
+        compare([make_result("a", **change)])
+
+
+def test_a_reference_that_is_no_maximum_is_refused():
+    small = dataclasses.replace(MAP, mvc={"es": 1e-300})
+    with pytest.raises(DataError, match="the EMG over its references of EMG map is up to"):
+        compare([make_result("a")], emg=make_emg(), emg_map=small)
 
 
 def test_folders_without_results_are_refused(tmp_path):

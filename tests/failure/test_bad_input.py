@@ -48,7 +48,7 @@ def test_a_number_that_is_not_finite_is_told_with_its_place(trajectory, bad):
 
 
 def test_words_instead_of_numbers_are_refused(trajectory):
-    with raises(scso.DataError, "muscle_tendon_length cannot be read as numbers"):
+    with raises(scso.DataError, "muscle_tendon_length is [['long', 'long', 'long', 'long'], "):
         dataclasses.replace(trajectory, muscle_tendon_length=[["long"] * 4] * 3)
 
 
@@ -141,7 +141,9 @@ def test_a_problem_needs_an_objective_that_is_one(trajectory):
         problem(trajectory, objectives=())
     with raises(scso.ProblemError, "3.0 is no objective, expected a FrameObjective or a function of a frame"):
         problem(trajectory, objectives=(3.0,))
-    with raises(scso.ProblemError, "is neither a FrameConstraint nor a FramePairConstraint"):
+    with raises(
+        scso.ProblemError, "a sequence of objects of FrameConstraint or objects of FramePairConstraint"
+    ):
         problem(trajectory, constraints=(scso.ActivationEffort(),))
 
 
@@ -237,8 +239,8 @@ def test_a_level_that_is_not_finite_is_refused(level):
 )
 def test_unknown_names_in_stability_rows_are_refused_with_the_closest_ones(changes, text):
     base = two_antagonists(5.0)
-    rows = dataclasses.replace(base.constraints[1], **changes)
     with raises(scso.NameMismatchError, text):
+        rows = dataclasses.replace(base.constraints[1], **changes)
         scso.solve_framewise(dataclasses.replace(base, constraints=(base.constraints[0], rows)))
 
 
@@ -401,7 +403,7 @@ def test_an_unknown_way_to_fail_is_refused(solve):
         ({"tolerance": -1.0}, "tolerance is -1, expected a number between 0 and 1"),
         ({"tolerance": math.nan}, "tolerance is nan, expected a number between 0 and 1"),
         ({"max_iterations": 0}, "max_iterations is 0, expected a whole number of at least 1"),
-        ({"max_iterations": 2.5}, "max_iterations is 2.5, expected a whole number of at least 1"),
+        ({"max_iterations": 2.5}, "max_iterations is 2.5, expected a whole number"),
     ],
 )
 def test_impossible_options_are_refused(options, text):

@@ -133,6 +133,24 @@ def test_a_changed_byte_is_refused(case: Case, tmp_path: Path) -> None:
         load_bundle(path)
 
 
+def test_an_encrypted_archive_and_an_array_beyond_memory_are_refused(case: Case, tmp_path: Path) -> None:
+    path = tmp_path / "m.npz"
+    save_bundle(path, case)
+    good = path.read_bytes()
+    flags = good.index(b"PK\x01\x02") + 8
+    path.write_bytes(good[:flags] + b"\1\0" + good[flags + 2 :])
+    with pytest.raises(FileFormatError, match="is damaged: it cannot be read as a motion bundle"):
+        load_bundle(path)
+    path.write_bytes(good)
+    huge = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        huge, {"descr": "<f8", "fortran_order": False, "shape": (99_999_999_999_999,)}
+    )
+    _replace_member(path, "trajectory.time.npy", huge.getvalue())
+    with pytest.raises(FileFormatError, match="is damaged: it cannot be read as a motion bundle"):
+        load_bundle(path)
+
+
 FOREIGN = {
     "text": b"time\tq1\n0\t1\n",
     "empty": b"",
@@ -183,7 +201,7 @@ def test_arrays_that_contradict_each_other_are_refused(case: Case, tmp_path: Pat
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda header: header.update(format_version=99), "bundle version 99, this package reads up to 1"),
+        (lambda header: header.update(format_version=99), "bundle version 99, expected at most 1"),
         (lambda header: header.update(format="other"), "is not a motion bundle"),
         (lambda header: header.pop("values"), "is damaged: 'values' is missing"),
         (lambda header: header["values"]["muscles"].pop("muscles"), "'muscles.muscles' is missing"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_model import SLIDE_PER_RADIAN, Tiny, setup_text, write_motion
 
-from scso_nlp.exceptions import DataError
+from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup
 
@@ -280,6 +280,65 @@ def test_a_step_too_small_for_the_filter_is_refused(tiny: Tiny) -> None:
         "switch the filter off"
     )
     assert load_motion(tiny.setup, lowpass_cutoff_frequency=-1, processes=1).trajectory.n_frames == 72
+
+
+# Data of external loads ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\t", ","),
+        ("nRows=101", "nRows=99999999999"),
+        ("nRows=101\nnColumns=7\n", ""),
+        ("\thand_vx", "\tunused\thand_vx"),
+        ("inDegrees=no", "inDegrees=yes"),
+    ],
+)
+def test_what_is_read_of_the_loads_is_what_opensim_is_given(old: str, new: str, tiny: Tiny) -> None:
+    """OpenSim itself refuses commas and wrong counts, and stops without a word at NaN in an unused column."""
+    expected = load_motion(tiny.setup, processes=1).trajectory.generalized_forces
+    data = tiny.folder / "hand.mot"
+    head, rows = data.read_text().replace(old, new).split("hand_pz\n")
+    if "unused" in new:
+        rows = re.sub(r"^(\S+)\t", r"\1\tnan\t", rows, flags=re.MULTILINE)
+    data.write_text(f"{head}hand_pz\n{rows}")
+    found = load_motion(tiny.setup, processes=1).trajectory.generalized_forces
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "hand_vx\thand_vy",
+            "hand_vy\thand_vx",
+            "takes the columns hand_vy, hand_vx, hand_vz .* as x, y and z",
+        ),
+        ("hand_vx\thand_vy", "hand_vx\thand_vx", "needs three columns that start with 'hand_v', found"),
+    ],
+)
+def test_columns_of_a_load_that_opensim_would_take_for_others_are_refused(
+    old: str, new: str, message: str, tiny: Tiny
+) -> None:
+    data = tiny.folder / "hand.mot"
+    data.write_text(data.read_text().replace(old, new))
+    with pytest.raises(NameMismatchError, match=message):
+        load_motion(tiny.setup)
+
+
+def test_a_load_on_a_body_that_is_not_there_names_the_model(tiny: Tiny) -> None:
+    loads = tiny.loads.read_text()
+    tiny.loads.write_text(loads.replace("<point_expressed_in_body>lower", "<point_expressed_in_body>hand"))
+    with pytest.raises(NameMismatchError, match=r"^tiny\.osim: an external load names the body 'hand'"):
+        load_motion(tiny.setup, processes=1)
+
+
+@pytest.mark.parametrize("name", ["moving.mot", "hand.mot"])
+def test_a_table_of_times_alone_is_refused(name: str, tiny: Tiny) -> None:
+    write_motion(tiny.folder / name, TIME, {})
+    with pytest.raises(DataError, match=rf"{name} has no columns but time"):
+        load_motion(tiny.setup)
 
 
 # Millimetres --------------------------------------------------------------------------------------

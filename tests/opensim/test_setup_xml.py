@@ -1,12 +1,19 @@
 """AnalyzeTool setup files, read without OpenSim."""
 
+import re
 from pathlib import Path
 
 import pytest
 from tiny_model import Tiny, setup_text
 
 from scso_nlp.exceptions import DataError, FileFormatError
-from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup, read_external_loads
+from scso_nlp.opensim.setup_xml import (
+    LOADS_DATA,
+    MotionInput,
+    check_document,
+    read_analyze_setup,
+    read_external_loads,
+)
 
 
 def test_every_setting_of_a_setup_is_read(tiny: Tiny) -> None:
@@ -176,7 +183,7 @@ def test_external_loads_name_their_columns_and_find_their_data(tiny: Tiny) -> No
     source = read_external_loads(tiny.loads)
     assert source.data == tiny.folder / "hand.mot"
     assert source.identifiers == (("hand", "hand_v"), ("hand", "hand_p"))
-    assert f"<datafile>{source.data}</datafile>" in source.text
+    assert f"<datafile>{LOADS_DATA}</datafile>" in source.text
 
 
 def test_loads_of_a_class_that_opensim_does_not_read_are_refused(tiny: Tiny) -> None:
@@ -197,3 +204,13 @@ def test_loads_of_a_class_that_opensim_does_not_read_are_refused(tiny: Tiny) -> 
 def test_a_contradictory_description_is_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(DataError, match=message):
         MotionInput(model=Path("model.osim"), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("text", ["text", "1_0", "1.2.3", "-NaN", "0x10"])
+@pytest.mark.parametrize("tag", ["mass", "max_isometric_force", "tendon_slack_length"])
+def test_a_number_of_a_model_for_which_opensim_would_take_its_default_is_refused(
+    tag: str, text: str, tiny: Tiny
+) -> None:
+    tiny.model.write_text(re.sub(f"<{tag}>[^<]*<", f"<{tag}>{text}<", tiny.model.read_text(), count=1))
+    with pytest.raises(FileFormatError, match=rf"tiny\.osim: {tag} is '{text}', expected a number"):
+        check_document(tiny.model, "Model")

@@ -145,7 +145,7 @@ def test_pictures_are_embedded_and_other_files_refused(tmp_path):
     (tmp_path / "fake.png").write_text(HOSTILE)
     with pytest.raises(DataError, match="is not a PNG file"):
         render_report(comparison, pictures=[tmp_path / "fake.png"])
-    with pytest.raises(DataError, match="cannot be read"):
+    with pytest.raises(DataError, match="does not exist"):
         render_report(comparison, pictures=[tmp_path / "nothing.png"])
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.opensim.worker.exchange import Job, Result, joined, log_file, read_job, write_result
 
+#: So much of what OpenSim says when it refuses something is passed on.
+MOST_CHARACTERS = 200
 #: Seconds between two progress messages.
 PROGRESS_INTERVAL = 0.1
 #: Exit code of a worker whose parent was killed; nobody reads it.
@@ -34,7 +37,7 @@ def main(arguments: list[str]) -> int:
         write_result(folder, part, work(job, part, parts, parent))
         tell(parent, done=True)
     except ScsoError as error:
-        tell(parent, error=type(error).__name__, message=str(error))
+        tell(parent, error=type(error).__name__, message=_with_file(str(error), job))
         return 2
     # what OpenSim throws
     except RuntimeError as error:
@@ -92,6 +95,13 @@ def _talk_to_parent_only(log: Path) -> TextIO:
     return parent
 
 
+def _with_file(message: str, job: Job) -> str:
+    """Begin a message with the model's file, unless it names a file already."""
+    files = [os.path.basename(value) for value in job.settings.values() if isinstance(value, str)]
+    model = os.path.basename(job.settings["model"])
+    return message if any(file and file in message for file in files) else f"{model}: {message}"
+
+
 def _end_with_parent(folder: Path) -> None:
     """Clear the folder away and end when the parent is killed: its end of the standard input closes then."""
 
@@ -108,11 +118,16 @@ def _plain(message: str, job: Job) -> str:
     """Turn an exception text of OpenSim into one sentence."""
     text = re.sub(r"^std::exception in '.*?': ", "", message.strip(), flags=re.DOTALL)
     text = re.sub(r"\s*Thrown at [^\n]*", "", text)
+    text = re.sub(
+        r"^SimTK Exception thrown at .*?:\d+:\s*(Error detected by Simbody method .*?\(\): )?", "", text
+    )
     text = re.sub(r"\(details: (.*?)\)\.?", r"(\1)", text, flags=re.DOTALL)
     text = re.sub(r"\.?\s*\n\s*In (Component|Object) ", r", in \1 ", text)
     text = " ".join(text.split()).rstrip(".")
     text = re.sub(r"\.\)", ")", text)
     text = re.sub(r"\.\s*\(", " (", text)
+    text = re.sub(r"\. (?=[A-Z])", "; ", text)
+    text = textwrap.shorten(text, MOST_CHARACTERS, placeholder=" ...")
     name = os.path.basename(job.settings["model"])
     return f"OpenSim refused {name}: {text or 'no reason given'}"
 
