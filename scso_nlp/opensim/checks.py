@@ -33,6 +33,7 @@ class CheckedInput:
     speeds: Storage | None
     speeds_in_degrees: bool  # unit of its angular speeds
     loads: LoadSource | None
+    load_data: Storage | None  # the columns that the loads use
 
     @property
     def n_frames(self) -> int:
@@ -78,10 +79,10 @@ def check_input(motion: MotionInput) -> CheckedInput:
     if motion.speeds is not None:
         speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
         speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
-    loads = None
+    loads = load_data = None
     if motion.external_loads is not None:
         loads = read_external_loads(motion.external_loads)
-        _check_loads(motion, loads, table)
+        load_data = _check_loads(motion, loads, table)
     return CheckedInput(
         motion=motion,
         table=table,
@@ -90,6 +91,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
         speeds=speeds,
         speeds_in_degrees=speeds_in_degrees,
         loads=loads,
+        load_data=load_data,
     )
 
 
@@ -184,8 +186,10 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
         )
 
 
-def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None:
+def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
+    """Return the columns that the loads use."""
     data = read_storage(loads.data)
+    used: set[int] = set()
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
         if len(columns) != 3:
@@ -194,6 +198,7 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
                 f"{loads.data}: the load {load!r} needs three columns that start with {identifier!r}, "
                 f"found {found}"
             )
+        used |= set(columns)
         values = data.values[:, columns]
         if not np.isfinite(values).all():
             row, which = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
@@ -209,3 +214,6 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> None
             f"{loads.data} covers {data.time[0]:.9g} to {data.time[-1]:.9g} s, expected the analyzed range "
             f"{first:.9g} to {last:.9g} s"
         )
+    chosen = sorted(used)
+    labels = tuple(data.labels[i] for i in chosen)
+    return Storage(name="loads", labels=labels, time=data.time, values=data.values[:, chosen])

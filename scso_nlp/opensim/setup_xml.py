@@ -19,6 +19,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from scso_nlp.exceptions import DataError, FileFormatError
+from scso_nlp.opensim.worker.exchange import LOAD_DATA
 from scso_nlp.validation import unique_names
 
 logger = logging.getLogger("scso_nlp")
@@ -200,7 +201,7 @@ class LoadSource:
     Attributes
     ----------
     text : str
-        The XML with an absolute path of the data file, as OpenSim can read it on any system.
+        The XML of the loads that apply, with `LOAD_DATA` beside it as the data file.
     data : Path
         The data file.
     identifiers : tuple of (str, str)
@@ -338,10 +339,10 @@ def read_external_loads(path: Path) -> LoadSource:
     data = reader.path(text)
     if not data.is_file():
         raise DataError(f"{path}: datafile {text!r} does not exist (looked for {data})")
-    element.text = str(data)
-    identifiers = []
+    element.text = LOAD_DATA
+    identifiers, disabled = [], []
     objects = loads.find("objects")
-    for load in list(objects) if objects is not None else []:
+    for load in list(objects if objects is not None else ()):
         if load.tag != "ExternalForce":
             raise DataError(
                 f"{path}: {load.get('name')!r} is a {load.tag}, which OpenSim 4 does not read here; expected "
@@ -349,11 +350,15 @@ def read_external_loads(path: Path) -> LoadSource:
             )
         own = _Reader(path, load)
         if not own.flag("appliesForce", True) or own.flag("isDisabled", False):
+            disabled.append(load)
             continue
         for kind in ("force_identifier", "point_identifier", "torque_identifier"):
             identifier = own.text(kind)
             if identifier and identifier.lower() != "unassigned":
                 identifiers.append((load.get("name", ""), identifier))
+    if objects is not None:
+        for load in disabled:
+            objects.remove(load)
     return LoadSource(
         text=ElementTree.tostring(root, encoding="unicode"), data=data, identifiers=tuple(identifiers)
     )
