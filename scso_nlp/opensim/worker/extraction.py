@@ -79,7 +79,7 @@ class Extraction:
             "log": {"contradictions": pose.contradictions},
         }
         if self._virtual is not None:
-            found["skeleton"] |= self._virtual.at(pose, joints)
+            found["skeleton"] |= self._virtual.at(pose, joints, found["skeleton"])
         if self._derivatives is not None:
             found["curvature"] = dict(self._derivatives.at(pose, loads, moment_arms))
         return {

@@ -30,6 +30,7 @@ class MusclePath:
     opensim: osim.AbstractGeometryPath
     geometry: osim.GeometryPath | None  # None for fitted paths (FunctionBasedPath), which have no points
     fixed: PathPoints | None  # in their bodies; None where they may change
+    wraps: bool  # it may touch wrap surfaces
     moves: bool  # its points may change: wraps, moving or conditional points, or fitted
     drives_mobilities: bool  # it also pushes coordinates directly: moving points and fitted paths
 
@@ -40,15 +41,22 @@ def read_path(muscle: osim.Muscle, state: osim.State, bodies: Bodies) -> MuscleP
     geometry = osim.GeometryPath.safeDownCast(path)
     if geometry is None:
         return MusclePath(
-            opensim=path, geometry=None, fixed=_points([], [], []), moves=True, drives_mobilities=True
+            opensim=path,
+            geometry=None,
+            fixed=_points([], [], []),
+            wraps=False,
+            moves=True,
+            drives_mobilities=True,
         )
     points = _every(geometry.getPathPointSet())
     kinds = [point.getConcreteClassName() for point in points]
-    moves = geometry.getWrapSet().getSize() > 0 or any(kind != "PathPoint" for kind in kinds)
+    wraps = geometry.getWrapSet().getSize() > 0
+    moves = wraps or any(kind != "PathPoint" for kind in kinds)
     return MusclePath(
         opensim=path,
         geometry=geometry,
         fixed=None if moves else _fixed_points(points, state, bodies),
+        wraps=wraps,
         moves=moves,
         drives_mobilities="MovingPathPoint" in kinds,
     )
