@@ -21,7 +21,6 @@ from scso_nlp.opensim.worker.muscles import (
     muscle_parameters,
     notes_on_muscles,
 )
-from scso_nlp.opensim.worker.paths import path_arrays
 from scso_nlp.opensim.worker.poses import Pose, Poses
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
 from scso_nlp.opensim.worker.virtual_rotations import VirtualRotations
@@ -115,7 +114,7 @@ class Extraction:
             "load_forces": loads.forces,
             "load_points": loads.points,
             "load_torques": loads.torques,
-            **path_arrays(self._model.paths, pose.state, bodies, pose.rotations, pose.origins),
+            **self._model.current_paths.at(pose.state, pose.rotations, pose.origins),
         }
 
     def header(self) -> dict[str, Any]:

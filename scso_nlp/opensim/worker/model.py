@@ -11,7 +11,7 @@ import opensim as osim
 from scso_nlp.opensim.worker.bodies import Bodies
 from scso_nlp.opensim.worker.coordinates import read_coordinates
 from scso_nlp.opensim.worker.forces import read_forces, take_off_actuators
-from scso_nlp.opensim.worker.paths import PathForces, read_path
+from scso_nlp.opensim.worker.paths import CurrentPaths, PathForces, read_path
 from scso_nlp.opensim.worker.skeleton import Joints, Loads
 from scso_nlp.validation import FloatArray
 
@@ -41,6 +41,7 @@ class Model:
         self.joints = Joints(self.opensim, self.state, self.bodies)
         self.loads = Loads(self.opensim, self.forces.loads, self.bodies)
         self.paths = [read_path(muscle, self.state, self.bodies) for muscle in self.forces.muscles]
+        self.current_paths = CurrentPaths(self.paths, self.state, self.bodies)
         self.path_forces = PathForces(
             self.opensim,
             self.state,
