@@ -80,9 +80,10 @@ class VirtualRotations:
             for row in crossing.rows.values():
                 arms[row, crossing.beside] = curvature[row, crossing.beside] = 0.0
             segments = _segments(crossing, joints.centers[crossing.joint], path_points)
+            own_arms, own_curvature = segments.derivatives(joints.axes[crossing.joint])
             for axis, row in crossing.rows.items():
-                own = segments.derivatives(joints.axes[crossing.joint, axis])
-                arms[row, crossing.crossing], curvature[row, crossing.crossing] = own
+                arms[row, crossing.crossing] = own_arms[:, axis]
+                curvature[row, crossing.crossing] = own_curvature[:, axis]
             slides = crossing.crossing[segments.slides].tolist()
             sliding[crossing.joint] = [m for m in slides if m in crossing.wrapping]
         if self._copy is not None and any(sliding.values()):
@@ -119,18 +120,19 @@ class _TurningCopy:
             _insert_free_body(self._model, model, j)
         self._state = self._model.initSystem()
         self._model.setAllControllersEnabled(False)
-        self._model.realizePosition(self._state)
         self._coordinates = [
             osim.Coordinate.safeDownCast(self._model.getComponent(coordinate.getAbsolutePathString()))
             for coordinate in model.coordinates.items
         ]
         mobilities = [path.removesuffix("/value") for path in state_variables(self._model)]
-        #: per joint: the six coordinates of the body before it, and the first one's mobility
-        self._free: dict[int, tuple[list[osim.Coordinate], int]] = {}
+        #: per joint: where the six coordinates of the body before it stand in Q, and the first one in U
+        self._free: dict[int, tuple[list[int], int]] = {}
         for j in joints:
             joint = self._model.getJointSet().get(f"scso_virtual_joint_{j}")
             free = [joint.get_coordinates(i) for i in range(6)]
-            self._free[j] = free, mobilities.index(free[0].getAbsolutePathString())
+            places = [_place(self._state, coordinate) for coordinate in free]
+            self._free[j] = places, mobilities.index(free[0].getAbsolutePathString())
+        self._model.realizePosition(self._state)
         paths = [
             osim.Muscle.safeDownCast(self._model.getComponent(muscle.getAbsolutePathString())).getPath()
             for muscle in model.forces.muscles
@@ -145,6 +147,7 @@ class _TurningCopy:
         for k, coordinate in enumerate(self._coordinates):
             if not is_locked[k]:
                 coordinate.setValue(self._state, float(pose.values[k]), False)
+        self._q = np.array(self._state.getQ().to_numpy())
         #: per joint: its center and axes in the body it hangs on
         self._frames = {}
         for j in self._free:
@@ -152,11 +155,11 @@ class _TurningCopy:
             to_inboard = pose.rotations[inboard].T
             center = to_inboard @ (joints.centers[j] - pose.origins[inboard])
             self._frames[j] = center, joints.axes[j] @ to_inboard.T
-            self._set_free(j, [0.0] * 6)
+            self._q[self._free[j][0]] = 0.0
 
     def arms_at_zero(self, muscles: Mapping[int, list[int]]) -> list[FloatArray]:
         """Return the moment arms of each joint's muscles about its axes, shapes (3, n_own) [m]."""
-        self._model.realizePosition(self._state)
+        self._put(self._q)
         every = sorted(set().union(*muscles.values()))
         generalized = self._path_forces.columns(self._state, every)
         arms = []
@@ -169,11 +172,8 @@ class _TurningCopy:
     def arms(
         self, joints: Iterable[int], axis: int, angle: float, muscles: Mapping[int, list[int]]
     ) -> dict[int, FloatArray]:
-        """Turn joints about one axis each by an angle [rad] and back again.
-
-        Return the moment arms of each one's muscles, shapes (n_own,) [m].
-        """
-        shifts = {}
+        """Turn joints about one axis each by an angle [rad]: moment arms of their muscles, (n_own,) [m]."""
+        q, shifts = self._q.copy(), {}
         for j in joints:
             center, axes = self._frames[j]
             turned = rotation(axes[[axis]], np.array([angle]))[0]
@@ -184,48 +184,53 @@ class _TurningCopy:
                 math.asin(min(max(turned[0, 2], -1.0), 1.0)),
                 math.atan2(-turned[0, 1], turned[0, 0]),
             ]
-            self._set_free(j, [*angles, *shifts[j].tolist()])
-        self._model.realizePosition(self._state)
+            q[self._free[j][0]] = [*angles, *shifts[j]]
+        self._put(q)
         arms = {}
         for j, shift in shifts.items():
             center, axes = self._frames[j]
             first = self._free[j][1]
             generalized = self._path_forces.columns(self._state, muscles[j])[first : first + 6]
             arms[j] = axes[axis] @ (generalized[:3] + cross_matrices(shift - center) @ generalized[3:])
-        for j in shifts:
-            self._set_free(j, [0.0] * 6)
         return arms
 
-    def _set_free(self, joint: int, values: list[float]) -> None:
-        for coordinate, value in zip(self._free[joint][0], values, strict=True):
-            coordinate.setValue(self._state, value, False)
+    def _put(self, q: FloatArray) -> None:
+        self._state.setQ(osim.Vector.createFromMat(q))
+        self._model.realizePosition(self._state)
+
+
+def _place(state: osim.State, coordinate: osim.Coordinate) -> int:
+    """Find where a coordinate stands in Q."""
+    before = np.array(state.getQ().to_numpy())
+    coordinate.setValue(state, coordinate.getValue(state) + 1.0, False)
+    (place,) = np.flatnonzero(state.getQ().to_numpy() != before).tolist()
+    return int(place)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Segments:
-    """The segments of some muscles' paths that cross a joint; all others have length one and no part."""
+    """The segments of some muscles' paths, and which of them cross a joint."""
 
     crosses: BoolArray  # (n_muscles, n_points - 1)
     proximal: FloatArray  # (n_muscles, n_points - 1, 3) [m], ends, from the joint's center
     distal: FloatArray  # (n_muscles, n_points - 1, 3) [m]
     slides: BoolArray  # (n_muscles,), an end is a contact point or a moving point
 
-    def derivatives(self, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return moment arms and curvature about a unit axis, both of shape (n_muscles,) [m].
+    def derivatives(self, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return moment arms and curvature about unit axes, shape (n, 3), both (n_muscles, n) [m].
 
         With A on the proximal and B on the distal side, in a segment of length l: r = u · (B x A) / l and
         l'' = (A · B - (A · u) (B · u) - r²) / l.
         """
         a, b = self.proximal, self.distal
-        length = np.linalg.norm(b - a, axis=-1)
+        length = np.linalg.norm(b - a, axis=-1)[..., None]
         # as in OpenSim, a segment without length has no direction
         with np.errstate(invalid="ignore", divide="ignore"):
-            r = np.cross(b, a) @ axis / length
-            curvature = ((a * b).sum(axis=-1) - (a @ axis) * (b @ axis) - r**2) / length
-        return (
-            np.where(self.crosses, r, 0.0).sum(axis=-1),
-            np.where(self.crosses, curvature, 0.0).sum(axis=-1),
-        )
+            r = np.cross(b, a) @ axes.T / length
+            along = (a @ axes.T) * (b @ axes.T)
+            curvature = ((a * b).sum(axis=-1, keepdims=True) - along - r**2) / length
+        crosses = self.crosses[..., None]
+        return np.where(crosses, r, 0.0).sum(axis=1), np.where(crosses, curvature, 0.0).sum(axis=1)
 
 
 def _segments(crossing: _Crossing, center: FloatArray, path_points: Mapping[str, NDArray[Any]]) -> _Segments:
