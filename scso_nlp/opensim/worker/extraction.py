@@ -49,7 +49,8 @@ class Extraction:
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )
         self._dynamics = Dynamics(self._model, self._poses.elimination)
-        self._virtual = VirtualRotations(self._model, settings) if settings["stability_axes"] else None
+        axes = settings["stability_axes"]
+        self._virtual = VirtualRotations(self._model, axes) if axes else None
         chosen = settings["curvature_coordinates"]
         self._derivatives = (
             CoordinateDerivatives(self._model, self._poses.elimination, self._dynamics, chosen)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.opensim.worker.bodies import cross_matrices, rotation
 from scso_nlp.opensim.worker.coordinates import state_variables
-from scso_nlp.opensim.worker.model import Model, load_model
+from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.paths import PathForces, path_bodies
 from scso_nlp.opensim.worker.poses import Pose
 from scso_nlp.opensim.worker.skeleton import JointFrames
@@ -47,9 +47,9 @@ class VirtualRotations:
     common turn at once.
     """
 
-    def __init__(self, model: Model, settings: Mapping[str, Any]) -> None:
+    def __init__(self, model: Model, axes: list[tuple[str, str]]) -> None:
         joints = model.joints.names
-        wanted = _wanted(settings["stability_axes"], joints)
+        wanted = _wanted(axes, joints)
         for name, _ in wanted:
             if name not in joints:
                 raise NameMismatchError(
@@ -63,7 +63,7 @@ class VirtualRotations:
         self._crossings = [_crossing(model, joint, own) for joint, own in sorted(rows.items())]
         self._turned = [crossing for crossing in self._crossings if crossing.wrapping]
         chosen = [crossing.joint for crossing in self._turned]
-        self._copy = _TurningCopy(model, settings, chosen) if chosen else None
+        self._copy = _TurningCopy(model, chosen) if chosen else None
         self._at_once = _apart(self._turned)
 
     def at(
@@ -112,9 +112,10 @@ class VirtualRotations:
 class _TurningCopy:
     """A copy of the model in which joints have six more coordinates."""
 
-    def __init__(self, model: Model, settings: Mapping[str, Any], joints: list[int]) -> None:
+    def __init__(self, model: Model, joints: list[int]) -> None:
+        assert model.spare is not None
         self._original = model
-        self._model, self._tool = load_model(settings, external_loads=None)
+        self._model: osim.Model = model.spare
         self._model.finalizeConnections()
         for j in joints:
             _insert_free_body(self._model, model, j)
