@@ -70,6 +70,19 @@ def prepare_motion(motion: MotionInput, table: Storage) -> tuple[Table, IntArray
 def prepare_speeds(speeds: Storage, motion: Table, rows: IntArray) -> Table:
     """Take from a file of speeds the rows nearest to those of a motion, and differentiate them.
 
+    Parameters
+    ----------
+    speeds : Storage
+        The file of speeds.
+    motion : Table
+    rows : ndarray of int
+        The rows of the motion to analyze.
+
+    Returns
+    -------
+    Table
+        At the times of the motion.
+
     Raises
     ------
     DataError
