@@ -43,7 +43,7 @@ class CheckedInput:
     speeds: Storage | None
     speeds_in_degrees: bool  # unit of its angular speeds
     loads: LoadSource | None
-    load_table: Storage | None  # their data, without columns that are not finite
+    load_data: Storage | None  # the columns that the loads use
 
     @property
     def n_frames(self) -> int:
@@ -98,10 +98,10 @@ def check_input(motion: MotionInput) -> CheckedInput:
         speeds = with_distinct_times(read_storage(motion.speeds).require_finite())
         _refuse_repeated(speeds, names, "speed")
         speeds_in_degrees = _unit(speeds, motion.speeds_in_degrees, "speeds_in_degrees")
-    loads, load_table = None, None
+    loads = load_data = None
     if motion.external_loads is not None:
         loads = read_external_loads(motion.external_loads)
-        load_table = _load_table(motion, loads, table)
+        load_data = _check_loads(motion, loads, table)
     return CheckedInput(
         motion=motion,
         table=table,
@@ -110,7 +110,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
         speeds=speeds,
         speeds_in_degrees=speeds_in_degrees,
         loads=loads,
-        load_table=load_table,
+        load_data=load_data,
     )
 
 
@@ -241,9 +241,10 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
         )
 
 
-def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
-    """Check the data of the loads; return the columns that OpenSim can read."""
+def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> Storage:
+    """Check the data of the loads; return the columns that the loads use."""
     data = _with_columns(read_storage(loads.data))
+    used: set[int] = set()
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
         labels = tuple(data.labels[i] for i in columns)
@@ -259,6 +260,7 @@ def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Stora
                 f"{loads.data}: OpenSim takes the columns {', '.join(labels)} of the load {shown(load)} as "
                 "x, y and z in this order, expected them to be in the order of their names"
             )
+        used |= set(columns)
         values = data.values[:, columns]
         if not np.isfinite(values).all():
             row, which = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
@@ -274,8 +276,6 @@ def _load_table(motion: MotionInput, loads: LoadSource, table: Storage) -> Stora
             f"{loads.data} covers {data.time[0]:.9g} to {data.time[-1]:.9g} s, expected the analyzed range "
             f"{first:.9g} to {last:.9g} s"
         )
-    # loads that are switched off need their columns too
-    finite = np.flatnonzero(np.isfinite(data.values).all(axis=0))
-    kept = [i for i in finite if len(data.labels[i].split()) == 1]
-    labels = tuple(data.labels[i] for i in kept)
-    return Storage(name="loads", labels=labels, time=data.time, values=data.values[:, kept], in_degrees=False)
+    chosen = sorted(used)
+    labels = tuple(data.labels[i] for i in chosen)
+    return Storage(name="loads", labels=labels, time=data.time, values=data.values[:, chosen])

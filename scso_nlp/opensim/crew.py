@@ -27,8 +27,7 @@ from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.files import lock
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.opensim.setup_xml import LOADS_DATA
-from scso_nlp.opensim.worker.exchange import JOB, Job, Result, log_file, read_result, write_job
+from scso_nlp.opensim.worker.exchange import JOB, LOAD_DATA, Job, Result, log_file, read_result, write_job
 from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
@@ -68,11 +67,7 @@ def number_of_workers(n_frames: int, processes: int | None) -> int:
 
 
 def extract(
-    job: Job,
-    n_workers: int,
-    progress: bool | None,
-    external_loads: str | None = None,
-    load_table: Storage | None = None,
+    job: Job, n_workers: int, progress: bool | None, external_loads: tuple[str, Storage] | None
 ) -> list[Result]:
     """Let workers do a job.
 
@@ -82,10 +77,8 @@ def extract(
     n_workers : int
     progress : bool or None
         Show a bar; None: on a terminal only.
-    external_loads : str or None
-        XML of the external loads.
-    load_table : Storage or None
-        Their data: what was checked is what OpenSim reads.
+    external_loads : (str, Storage) or None
+        XML of the external loads, with `LOAD_DATA` as its data file, and these data.
 
     Returns
     -------
@@ -101,9 +94,10 @@ def extract(
     """
     try:
         with _own_folder() as folder:
-            if load_table is not None:
-                write_storage(load_table, folder / LOADS_DATA)
-            write_job(folder, job, external_loads)
+            xml, data = external_loads or (None, None)
+            if data is not None:
+                write_storage(data, folder / LOAD_DATA)
+            write_job(folder, job, xml)
             return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
     except BrokenPipeError:
         # of a progress bar that nobody reads any more

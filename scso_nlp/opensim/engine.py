@@ -25,6 +25,7 @@ from scso_nlp.motion import Motion
 from scso_nlp.opensim import crew
 from scso_nlp.opensim.assemble import assemble
 from scso_nlp.opensim.checks import CheckedInput, check_input
+from scso_nlp.opensim.preparation import loads_at, prepare_motion, prepare_speeds
 from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
     MotionInput,
@@ -33,12 +34,12 @@ from scso_nlp.opensim.setup_xml import (
     read_external_loads,
     with_changes,
 )
-from scso_nlp.opensim.worker.exchange import Job, Table
+from scso_nlp.opensim.worker.exchange import Job
 
 logger = logging.getLogger("scso_nlp")
 
-#: The package that decides what the arrays are, given input and versions.
-WORKER = Path(__file__).with_name("worker")
+#: What decides what the arrays are, given input and versions: a file and a package.
+PREPARATION, WORKER = (Path(__file__).with_name(name) for name in ("preparation.py", "worker"))
 #: Settings that tell the unit of a file against its header.
 TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 
@@ -153,25 +154,30 @@ def _extract(
 ) -> Motion:
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
-    loads = None if checked.loads is None else checked.loads.text
-    results = crew.extract(_job(checked, inputs), n_workers, progress, loads, checked.load_table)
-    return assemble(checked.motion, results)
+    job = _job(checked, inputs)
+    return assemble(checked.motion, crew.extract(job, n_workers, progress, _loads(checked, job)))
 
 
 def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:
-    motion = checked.motion
-    read_here = {str(path) for path in (motion.motion, motion.speeds, motion.external_loads)}
+    source = checked.motion
+    motion, rows = prepare_motion(source, checked.table)
+    load_data = None if checked.loads is None else checked.loads.data
+    read_here = {str(path) for path in (source.motion, source.speeds, source.external_loads, load_data)}
     return Job(
         inputs={path: digest for path, digest in inputs.items() if path not in read_here},
         settings=_settings(checked),
-        motion=_table(checked.table),
+        motion=motion,
+        rows=rows,
         unusable=checked.unusable,
-        speeds=None if checked.speeds is None else _table(checked.speeds),
+        speeds=None if checked.speeds is None else prepare_speeds(checked.speeds, motion, rows),
     )
 
 
-def _table(storage: Storage) -> Table:
-    return Table(labels=storage.labels, time=storage.time, values=storage.values)
+def _loads(checked: CheckedInput, job: Job) -> tuple[str, Storage] | None:
+    """Return the XML of the external loads and their values at the rows to analyze."""
+    if checked.loads is None or checked.load_data is None or not checked.loads.identifiers:
+        return None
+    return checked.loads.text, loads_at(checked.load_data, job.motion.time[job.rows])
 
 
 def _settings(checked: CheckedInput) -> dict[str, Any]:
@@ -253,9 +259,9 @@ def _key(provenance: Provenance) -> str:
 
 
 def _worker_digest() -> str:
-    """Hash every file of the worker, in order, names included."""
+    """Hash every file that decides, in order, names included."""
     digest = hashlib.sha256()
-    for path in sorted(WORKER.glob("*.py")):
+    for path in (PREPARATION, *sorted(WORKER.glob("*.py"))):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()
 

@@ -22,6 +22,7 @@ from defusedxml.common import DefusedXmlException
 from scso_nlp.arguments import checked_as
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import absolute, read_bytes
+from scso_nlp.opensim.worker.exchange import LOAD_DATA
 from scso_nlp.text import number, shown
 from scso_nlp.validation import unique_names
 
@@ -45,8 +46,6 @@ SCALARS = frozenset(
         "tendon_slack_length",
     }
 )
-#: Name of the table of external loads that OpenSim is given.
-LOADS_DATA = "external_loads.sto"
 #: Elements of documents older than OpenSim 3 and what they are called now.
 OLD_NAMES = {
     "force_set_files": "actuator_set_files",
@@ -237,7 +236,7 @@ class LoadSource:
     Attributes
     ----------
     text : str
-        The XML, with :data:`LOADS_DATA` beside it as its data file.
+        The XML of the loads that apply, with `LOAD_DATA` beside it as the data file.
     data : Path
         The data file.
     identifiers : tuple of (str, str)
@@ -377,10 +376,10 @@ def read_external_loads(path: Path) -> LoadSource:
         raise DataError(
             f"{path}: datafile {shown(text)} does not exist (looked for {shown(str(data), 150)[1:-1]})"
         )
-    element.text = LOADS_DATA
-    identifiers = []
+    element.text = LOAD_DATA
+    identifiers, disabled = [], []
     objects = loads.find("objects")
-    for load in list(objects) if objects is not None else []:
+    for load in list(objects if objects is not None else ()):
         if load.tag != "ExternalForce":
             raise DataError(
                 f"{path}: {load.get('name', '')!r} is a {load.tag}, which OpenSim 4 does not read here; "
@@ -388,11 +387,15 @@ def read_external_loads(path: Path) -> LoadSource:
             )
         own = _Reader(path, load)
         if not own.flag("appliesForce", True) or own.flag("isDisabled", False):
+            disabled.append(load)
             continue
         for kind in ("force_identifier", "point_identifier", "torque_identifier"):
             identifier = own.text(kind)
             if identifier and identifier.lower() != "unassigned":
                 identifiers.append((load.get("name", ""), identifier))
+    if objects is not None:
+        for load in disabled:
+            objects.remove(load)
     return LoadSource(
         text=ElementTree.tostring(root, encoding="unicode"), data=data, identifiers=tuple(identifiers)
     )

@@ -105,6 +105,51 @@ def weights(question):
     np.savez(question["output"], weights=np.array(result))
 
 
+def storage(time, values):
+    """Return an OpenSim table."""
+    table, labels = opensim.Storage(), opensim.ArrayStr()
+    for label in ("time", *(f"column{i}" for i in range(values.shape[1]))):
+        labels.append(label)
+    table.setColumnLabels(labels)
+    for t, row in zip(time.tolist(), values, strict=True):
+        table.append(t, opensim.Vector.createFromMat(np.ascontiguousarray(row)))
+    return table
+
+
+def columns(table, n_columns):
+    """Return time and columns of an OpenSim table."""
+    column = opensim.ArrayDouble()
+    table.getTimeColumn(column)
+    arrays = [column.getAsVector().to_numpy().copy()]
+    for i in range(n_columns):
+        table.getDataColumn(i, column)
+        arrays.append(column.getAsVector().to_numpy().copy())
+    return arrays[0], np.stack(arrays[1:], axis=1)
+
+
+def prepared(question):
+    """Filter columns and differentiate their splines twice, as AnalyzeTool does."""
+    values = np.array(question["values"])
+    table, n = storage(np.array(question["time"]), values), values.shape[1]
+    if question["cutoff"] is not None:
+        table.pad(table.getSize() // 2)
+        table.lowpassIIR(question["cutoff"])
+    time, values = columns(table, n)
+    first = columns(opensim.GCVSplineSet(5, table).constructStorage(1), n)[1]
+    second = columns(opensim.GCVSplineSet(5, storage(time, first)).constructStorage(1), n)[1]
+    np.savez(question["output"], time=time, values=values, first=first, second=second)
+
+
+def loads(question):
+    """Read the forces of external loads at chosen times."""
+    model = opensim.Model(question["model"])
+    model.addModelComponent(own := opensim.ExternalLoads(question["loads"], True))
+    own.this.disown()
+    model.initSystem()
+    forces = [[own.get(0).getForceAtTime(t).get(i) for i in range(3)] for t in question["time"]]
+    np.savez(question["output"], forces=np.array(forces))
+
+
 def main():
     """Answer the question given as JSON on the command line."""
     question = json.loads(sys.argv[1])
@@ -115,6 +160,8 @@ def main():
         "moment arms": moment_arms,
         "lengths": lengths,
         "weights": weights,
+        "prepared": prepared,
+        "loads": loads,
     }[question["kind"]](question)
 
 

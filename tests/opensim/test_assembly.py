@@ -87,7 +87,9 @@ def test_a_clamped_coordinate_that_leaves_its_range_has_opensims_values(
     setup = write_case(tiny, columns, change, lowpass_cutoff_frequency_for_coordinates=cutoff)
     trajectory = load_motion(setup, processes=1).trajectory
     theirs = ask_opensim(tiny.folder, kind="assembled", setup=setup, coordinates=trajectory.coordinates)
-    np.testing.assert_array_equal(trajectory.coordinate_values, theirs["values"])
+    # filtered, the optimizer's input itself differs by rounding
+    rounding = 0.0 if cutoff == "-1" else 1e-13
+    np.testing.assert_allclose(trajectory.coordinate_values, theirs["values"], rtol=0, atol=rounding)
     is_said = any("the values of OpenSim's assembly are taken" in text for text in caplog.messages)
     assert is_said == (change is not without_constraints)
 

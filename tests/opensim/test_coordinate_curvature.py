@@ -115,6 +115,20 @@ def _linear(tiny: Tiny) -> Path:
     return path
 
 
+def test_a_point_that_a_body_has_twice_changes_nothing(tiny: Tiny) -> None:
+    def curvature() -> np.ndarray:
+        motion = load_motion(tiny.setup, step_interval=30, curvature_coordinates="all", processes=1)
+        assert motion.trajectory.curvature is not None
+        return motion.trajectory.curvature.path_curvature
+
+    expected = curvature()
+    text = tiny.model.read_text()
+    start = text.index('<PathPoint name="flexor_1">')
+    end = text.index("</PathPoint>", start) + len("</PathPoint>")
+    tiny.model.write_text(text[:end] + text[start:end].replace("flexor_1", "again") + text[end:])
+    np.testing.assert_allclose(curvature(), expected, atol=1e-12)
+
+
 def test_a_muscle_around_a_cylinder_has_no_curvature(tiny: Tiny) -> None:
     trajectory = load_motion(
         tiny.setup, curvature_coordinates=("elbow_flexion", "shoulder_flexion")

@@ -85,16 +85,18 @@ def test_a_second_load_from_the_cache_needs_no_opensim(tiny: Tiny, monkeypatch: 
     assert np.abs(heavier.trajectory.generalized_forces - first.trajectory.generalized_forces).max() > 0.05
 
 
-def test_a_change_in_any_file_of_the_worker_makes_the_cache_old(
+def test_a_change_in_any_file_that_decides_makes_the_cache_old(
     tiny: Tiny, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cache, worker = tiny.folder / "cache", tiny.folder / "worker"
     shutil.copytree(engine.WORKER, worker, ignore=shutil.ignore_patterns("__pycache__"))
+    preparation = Path(shutil.copy(engine.PREPARATION, tiny.folder))
     load_motion(tiny.setup, cache=cache)
     monkeypatch.setattr(engine, "WORKER", worker)
+    monkeypatch.setattr(engine, "PREPARATION", preparation)
     monkeypatch.setattr(crew, "extract", _forbidden)
     load_motion(tiny.setup, cache=cache)
-    files = sorted(worker.glob("*.py"))
+    files = [preparation, *sorted(worker.glob("*.py"))]
     assert {"__init__.py", "model.py", "paths.py", "elimination.py"} <= {file.name for file in files}
     for file in files:
         before = file.read_bytes()

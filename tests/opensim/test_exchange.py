@@ -20,15 +20,23 @@ from scso_nlp.opensim.worker.exchange import (
 def _table(n_columns: int) -> Table:
     rng = np.random.default_rng(n_columns)
     labels = tuple(f"/joint/é{i}/value" for i in range(n_columns))
-    return Table(labels=labels, time=np.linspace(0, 1, 4), values=rng.normal(size=(4, n_columns)))
+    values, first, second = rng.normal(size=(3, 4, n_columns))
+    return Table(labels=labels, time=np.linspace(0, 1, 4), values=values, first=first, second=second)
 
 
 def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
     for speeds in (None, _table(2)):
         settings = {"model": "a.osim", "final_time": None, "external_loads": "x.xml"}
         unusable = {"/joint/é1/value": "nan at t = 0 s"}
-        inputs = {"a.osim": "ab" * 32}
-        job = Job(settings=settings, motion=_table(3), unusable=unusable, speeds=speeds, inputs=inputs)
+        rows, inputs = np.array([1, 3]), {"a.osim": "ab" * 32}
+        job = Job(
+            settings=settings,
+            motion=_table(3),
+            rows=rows,
+            unusable=unusable,
+            speeds=speeds,
+            inputs=inputs,
+        )
         write_job(tmp_path, job, "<ExternalLoads/>")
         found = read_job(tmp_path)
         loads = Path(found.settings["external_loads"])
@@ -36,13 +44,14 @@ def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
         assert {**found.settings, "external_loads": "x.xml"} == job.settings
         assert found.unusable == job.unusable
         assert found.inputs == job.inputs
+        np.testing.assert_array_equal(found.rows, rows)
         for one, other in ((job.motion, found.motion), (job.speeds, found.speeds)):
             if one is None or other is None:
                 assert one is other
                 continue
             assert one.labels == other.labels
-            np.testing.assert_array_equal(one.time, other.time)
-            np.testing.assert_array_equal(one.values, other.values)
+            for name in ("time", "values", "first", "second"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:

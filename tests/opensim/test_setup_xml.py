@@ -8,12 +8,12 @@ from tiny_model import Tiny, setup_text
 
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.opensim.setup_xml import (
-    LOADS_DATA,
     MotionInput,
     check_document,
     read_analyze_setup,
     read_external_loads,
 )
+from scso_nlp.opensim.worker.exchange import LOAD_DATA
 
 
 def test_every_setting_of_a_setup_is_read(tiny: Tiny) -> None:
@@ -183,7 +183,7 @@ def test_external_loads_name_their_columns_and_find_their_data(tiny: Tiny) -> No
     source = read_external_loads(tiny.loads)
     assert source.data == tiny.folder / "hand.mot"
     assert source.identifiers == (("hand", "hand_v"), ("hand", "hand_p"))
-    assert f"<datafile>{LOADS_DATA}</datafile>" in source.text
+    assert f"<datafile>{LOAD_DATA}</datafile>" in source.text
 
 
 def test_loads_of_a_class_that_opensim_does_not_read_are_refused(tiny: Tiny) -> None:

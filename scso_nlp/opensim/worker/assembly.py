@@ -4,7 +4,7 @@ AnalyzeTool assembles every row of a motion: coupled coordinates follow the othe
 ranges. Where none leaves its range the answer is known without it: the columns as they are, with couplers
 evaluated. Where one does, OpenSim's optimizer mostly holds it at the bound, but not always: it begins at the
 row before, it may give up, and then what the columns say is kept if it satisfies the constraints. So the same
-calls are made in the same order, which gives the same numbers to the last bit.
+calls are made in the same order, which gives the same numbers: to the last bit, or to rounding if filtered.
 """
 
 from __future__ import annotations

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, IntArray
 
 #: The file that makes a folder one of a job.
 JOB = "job.json"
+#: The data file of the external loads, beside their XML.
+LOAD_DATA = "external_loads.sto"
 #: Arrays of path points, as many per frame as its longest path has, and what they are filled up with.
 POINT_ARRAYS = {
     "skeleton.path_points": 0.0,
@@ -28,11 +30,13 @@ POINT_ARRAYS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Named columns over time, as read from a file."""
+    """Named columns over time, with their derivatives."""
 
     labels: tuple[str, ...]
     time: FloatArray  # (n_rows,) [s]
     values: FloatArray  # (n_rows, n_columns)
+    first: FloatArray  # (n_rows, n_columns), derivatives of the splines through `values`
+    second: FloatArray  # (n_rows, n_columns), derivatives of the splines through `first`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +44,10 @@ class Job:
     """One extraction, the same for all of its workers."""
 
     settings: Mapping[str, Any]  # the fields of MotionInput, paths as text
-    motion: Table  # coordinates or states
+    motion: Table  # coordinates or states, filtered
+    rows: IntArray  # of the motion, to analyze
     unusable: Mapping[str, str]  # columns of the motion that are not finite everywhere, and where not
-    speeds: Table | None
+    speeds: Table | None  # at the times of the motion
     inputs: Mapping[str, str]  # SHA-256 of the files that the workers read, by path
 
 
@@ -64,8 +69,8 @@ def log_file(folder: Path, part: int) -> Path:
 
 
 def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
-    """Write a job into an empty folder, with the XML of its external loads where it has some."""
-    settings = dict(job.settings)
+    """Write a job into an empty folder, with the XML of its external loads where some apply."""
+    settings = {**job.settings, "external_loads": None}
     if external_loads is not None:
         loads = folder / "external_loads.xml"
         loads.write_text(external_loads, encoding="utf-8")
@@ -76,10 +81,12 @@ def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
         "unusable": dict(job.unusable),
         "inputs": dict(job.inputs),
         "labels": {name: list(table.labels) for name, table in tables.items()},
+        "rows": job.rows.tolist(),
     }
     (folder / JOB).write_text(json.dumps(content), encoding="utf-8")
     for name, table in tables.items():
-        np.savez(folder / f"{name}.npz", time=table.time, values=table.values)
+        arrays = {field: getattr(table, field) for field in ("time", "values", "first", "second")}
+        np.savez(folder / f"{name}.npz", allow_pickle=False, **arrays)
 
 
 def read_job(folder: Path) -> Job:
@@ -92,6 +99,7 @@ def read_job(folder: Path) -> Job:
     return Job(
         settings=content["settings"],
         motion=tables["motion"],
+        rows=np.array(content["rows"], dtype=np.int64),
         unusable=content["unusable"],
         speeds=tables.get("speeds"),
         inputs=content["inputs"],

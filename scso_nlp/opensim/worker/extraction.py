@@ -21,7 +21,6 @@ from scso_nlp.opensim.worker.muscles import (
     muscle_parameters,
     notes_on_muscles,
 )
-from scso_nlp.opensim.worker.paths import path_arrays
 from scso_nlp.opensim.worker.poses import Pose, Poses
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
 from scso_nlp.opensim.worker.virtual_rotations import VirtualRotations
@@ -50,7 +49,8 @@ class Extraction:
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )
         self._dynamics = Dynamics(self._model, self._poses.elimination)
-        self._virtual = VirtualRotations(self._model, settings) if settings["stability_axes"] else None
+        axes = settings["stability_axes"]
+        self._virtual = VirtualRotations(self._model, axes) if axes else None
         chosen = settings["curvature_coordinates"]
         self._derivatives = (
             CoordinateDerivatives(self._model, self._poses.elimination, self._dynamics, chosen)
@@ -79,7 +79,7 @@ class Extraction:
             "log": {"contradictions": pose.contradictions},
         }
         if self._virtual is not None:
-            found["skeleton"] |= self._virtual.at(pose, joints)
+            found["skeleton"] |= self._virtual.at(pose, joints, found["skeleton"])
         if self._derivatives is not None:
             found["curvature"] = dict(self._derivatives.at(pose, loads, moment_arms))
         return {
@@ -115,7 +115,7 @@ class Extraction:
             "load_forces": loads.forces,
             "load_points": loads.points,
             "load_torques": loads.torques,
-            **path_arrays(self._model.paths, pose.state, bodies, pose.rotations, pose.origins),
+            **self._model.current_paths.at(pose.state, pose.rotations, pose.origins),
         }
 
     def header(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import opensim as osim
 from scso_nlp.opensim.worker.bodies import Bodies
 from scso_nlp.opensim.worker.coordinates import read_coordinates
 from scso_nlp.opensim.worker.forces import read_forces, take_off_actuators
-from scso_nlp.opensim.worker.paths import PathForces, read_path
+from scso_nlp.opensim.worker.paths import CurrentPaths, PathForces, read_path
 from scso_nlp.opensim.worker.skeleton import Joints, Loads
 from scso_nlp.validation import FloatArray
 
@@ -25,7 +25,14 @@ class Model:
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        self.opensim, self._tool = load_model(settings, settings["external_loads"])
+        self.opensim, self._tool = _load_model(settings)
+        #: a copy without loads, to be changed by who needs it
+        self.spare: osim.Model | None = self.opensim.clone() if settings["stability_axes"] else None
+        if settings["external_loads"] is not None:
+            loads = osim.ExternalLoads(settings["external_loads"], True)
+            self.opensim.addModelComponent(loads)
+            # the model has taken ownership
+            loads.this.disown()
         self.state = self.opensim.initSystem()
         self.opensim.setAllControllersEnabled(False)
         self.opensim.realizeVelocity(self.state)
@@ -41,6 +48,7 @@ class Model:
         self.joints = Joints(self.opensim, self.state, self.bodies)
         self.loads = Loads(self.opensim, self.forces.loads, self.bodies)
         self.paths = [read_path(muscle, self.state, self.bodies) for muscle in self.forces.muscles]
+        self.current_paths = CurrentPaths(self.paths, self.state, self.bodies)
         self.path_forces = PathForces(
             self.opensim,
             self.state,
@@ -71,10 +79,8 @@ class Model:
         return np.array(bias.to_numpy())
 
 
-def load_model(
-    settings: Mapping[str, Any], external_loads: str | None
-) -> tuple[osim.Model, osim.AnalyzeTool]:
-    """Load a model with the actuators and external loads that the setup adds.
+def _load_model(settings: Mapping[str, Any]) -> tuple[osim.Model, osim.AnalyzeTool]:
+    """Load a model with the actuators that the setup adds.
 
     The tool owns the forces that it adds: keep it as long as the model.
     """
@@ -86,9 +92,4 @@ def load_model(
     tool.setForceSetFiles(files)
     tool.setReplaceForceSet(bool(settings["replace_force_set"]))
     tool.updateModelForces(model, "")
-    if external_loads is not None:
-        loads = osim.ExternalLoads(external_loads, True)
-        model.addModelComponent(loads)
-        # the model has taken ownership
-        loads.this.disown()
     return model, tool

@@ -1,4 +1,4 @@
-"""Coordinates, speeds and accelerations of every row of a motion, prepared as OpenSim's AnalyzeTool does."""
+"""Coordinates, speeds and accelerations of every row of a motion, from its columns."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Coordinates without a column may rest at zero if they move no more than this share of the total mass [-].
 LIGHT_SEGMENT = 0.01
-#: Speeds belong to a row of coordinates if their times differ by no more than this [s].
-SAME_TIME = 1e-6
 #: A rotation beyond two turns is reported: headers are known to name the wrong unit [rad].
 SUSPICIOUS_ROTATION = 4 * np.pi
 #: A column that is this many times what it should be, or the inverse, is in the other unit [rad/deg] ...
@@ -33,8 +31,6 @@ SAME_RATIO = 0.01
 SAME_COURSE = 0.99
 #: Columns of coupled coordinates that are further from what their couplers ask for are reported [rad or m].
 DIFFERENT = 1e-3
-#: Degree of the splines that give speeds and accelerations.
-DEGREE = 5
 
 #: Level and text for the log.
 Note = tuple[str, str]
@@ -47,63 +43,59 @@ class Kinematics:
     time: FloatArray  # (n_rows,) [s]
     values: FloatArray  # (n_rows, n_u) [rad or m]
     speeds: FloatArray  # (n_rows, n_u) [rad/s or m/s]
-    accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline; NaN but in the rows to analyze
+    accelerations: FloatArray  # (n_rows, n_u) [rad/s² or m/s²], of the spline
     rows: IntArray  # the rows to analyze
     notes: list[Note]  # on missing columns, on units, on what contradicts the model
     is_assembled: bool = False  # values are OpenSim's assembly of the columns, nothing is to be done to them
 
 
 def read_kinematics(job: Job, model: Model) -> Kinematics:
-    """Prepare a job's motion.
+    """Find the model's coordinates in a job's motion.
 
     Raises
     ------
     DataError
-        A column that is not finite, or speeds at other times.
+        A column that is not finite, or a unit that is proven wrong.
     NameMismatchError
         No column for a coordinate that matters.
     """
-    settings = job.settings
-    storage = _storage(job.motion.labels, job.motion.time, job.motion.values)
-    cutoff = settings["lowpass_cutoff_frequency"]
-    if settings["states"] is None and cutoff is not None and cutoff >= 0:
-        storage.pad(storage.getSize() // 2)
-        storage.lowpassIIR(cutoff)
-    columns, notes = _value_columns(job, model, storage)
-    time = _time(storage)
-    # what coordinates files leave out is zero in OpenSim, what states files leave out has its default
-    values = np.zeros((len(time), model.n_u))
+    settings, motion, rows, coordinates = job.settings, job.motion, job.rows, model.coordinates
+    columns, notes = _value_columns(job, model)
+    scale = np.where(coordinates.scales_with_degrees & settings["in_degrees"], RADIANS_PER_DEGREE, 1.0)
+    values, speeds, accelerations = (
+        _taken(table, columns) * scale for table in (motion.values, motion.first, motion.second)
+    )
     if settings["states"] is not None:
-        values += model.coordinates.values(model.state)
-    for k, column in enumerate(columns):
-        if column >= 0:
-            values[:, k] = _column(storage, column)
-            if settings["in_degrees"] and model.coordinates.scales_with_degrees[k]:
-                values[:, k] *= RADIANS_PER_DEGREE
-    rows = _selected_rows(time, settings, job.motion.time)
+        # what coordinates files leave out is zero in OpenSim, what states files leave out has its default
+        left_out = np.array(columns) < 0
+        values[:, left_out] = np.array(coordinates.values(model.state))[left_out]
     notes += _notes_on_units(job, model, values[rows])
-    notes += _notes_on_couplers(job, model, time[rows], values[rows], np.array(columns) >= 0)
+    notes += _notes_on_couplers(job, model, motion.time[rows], values[rows], np.array(columns) >= 0)
     if settings["states"] is not None:
-        speeds = _speeds_of_states(settings["states"], model, storage, values)
-    else:
-        speeds = _derivative(model.coordinates.names, time, values)
-        if job.speeds is not None:
-            given = _given_speeds(job.speeds, settings, model, time, rows)
-            notes += _notes_on_speeds(settings, model, given[rows], speeds[rows])
-            speeds = np.where(np.isnan(given), speeds, given)
+        columns = _speed_columns_of_states(settings["states"], model, motion)
+        speeds, accelerations = _taken(motion.values, columns), _taken(motion.first, columns)
+    elif job.speeds is not None:
+        columns = _speed_columns(settings["speeds"], model, job.speeds)
+        is_given = np.array(columns) >= 0
+        in_degrees = coordinates.scales_with_degrees & settings["speeds_in_degrees"]
+        scale = np.where(in_degrees, RADIANS_PER_DEGREE, 1.0)
+        given = np.where(is_given, _taken(job.speeds.values, columns) * scale, np.nan)
+        notes += _notes_on_speeds(settings, model, given[rows], speeds[rows])
+        speeds = np.where(is_given, given, speeds)
+        accelerations = np.where(is_given, _taken(job.speeds.first, columns) * scale, accelerations)
     return Kinematics(
-        time=time,
+        time=motion.time,
         values=values,
         speeds=speeds,
-        accelerations=_accelerations(model.coordinates.names, time, speeds, rows),
+        accelerations=accelerations,
         rows=rows,
         notes=notes,
     )
 
 
-def _value_columns(job: Job, model: Model, storage: osim.Storage) -> tuple[list[int], list[Note]]:
-    """Return each coordinate's column in the storage, -1 where it has none and needs none."""
-    source = job.settings["states"] or job.settings["coordinates"]
+def _value_columns(job: Job, model: Model) -> tuple[list[int], list[Note]]:
+    """Return each coordinate's column in the motion, -1 where it has none and needs none."""
+    source, storage = job.settings["states"] or job.settings["coordinates"], _storage(job.motion)
     columns = []
     missing = []
     for coordinate, is_set in zip(model.coordinates.items, model.coordinates.is_set_by_model, strict=True):
@@ -304,104 +296,48 @@ def _moved_mass(coordinate: osim.Coordinate, model: Model) -> float:
     return float(masses[sorted(distal)].sum() / max(masses.sum(), 1e-300))
 
 
-def _speeds_of_states(source: str, model: Model, storage: osim.Storage, values: FloatArray) -> FloatArray:
-    speeds = np.zeros_like(values)
+def _speed_columns_of_states(source: str, model: Model, states: Table) -> list[int]:
+    storage, columns = _storage(states), []
     for k, coordinate in enumerate(model.coordinates.items):
         path = coordinate.getAbsolutePathString() + "/speed"
-        column = _first_column(storage, path, coordinate.getName() + "_u")
-        if column >= 0:
-            speeds[:, k] = _column(storage, column)
-        elif not model.coordinates.is_set_by_model[k]:
+        columns.append(_first_column(storage, path, coordinate.getName() + "_u"))
+        if columns[k] < 0 and not model.coordinates.is_set_by_model[k]:
             raise NameMismatchError(
                 f"{source} has no column for the speed of {coordinate.getName()!r}, expected {path}"
             )
-    return speeds
+    return columns
 
 
-def _given_speeds(
-    given: Table, settings: Mapping[str, Any], model: Model, time: FloatArray, rows: IntArray
-) -> FloatArray:
-    """Return the speeds of a file at the times of the motion, (n_rows, n_u) [rad/s or m/s], or NaN."""
-    source = settings["speeds"]
-    nearest = np.abs(given.time[None, :] - time[:, None]).argmin(axis=1)
-    apart = np.abs(given.time[nearest] - time)
-    if (apart[rows] > SAME_TIME).any():
-        row = rows[int(apart[rows].argmax())]
-        raise DataError(
-            f"{source} has no row at t = {time[row]:.9g} s, expected the times of the coordinates"
-        )
-    storage = _storage(given.labels, given.time, given.values)
-    speeds = np.full((len(time), model.n_u), np.nan)
+def _speed_columns(source: str, model: Model, speeds: Table) -> list[int]:
+    storage, columns = _storage(speeds), []
     for k, coordinate in enumerate(model.coordinates.items):
         name = coordinate.getName()
-        column = _first_column(storage, coordinate.getAbsolutePathString() + "/speed", name + "_u", name)
-        if column >= 0:
-            speeds[:, k] = given.values[nearest, column]
-        elif not model.coordinates.is_set_by_model[k]:
+        path = coordinate.getAbsolutePathString() + "/speed"
+        columns.append(_first_column(storage, path, name + "_u", name))
+        if columns[k] < 0 and not model.coordinates.is_set_by_model[k]:
             raise NameMismatchError(f"{source} has no column for {name!r}")
-    if settings["speeds_in_degrees"]:
-        speeds[:, model.coordinates.scales_with_degrees] *= RADIANS_PER_DEGREE
-    return speeds
+    return columns
 
 
-def _derivative(names: list[str], time: FloatArray, values: FloatArray) -> FloatArray:
-    """Differentiate the splines through values, shape (n_rows, n_u)."""
-    derivative = _splines(names, time, values).constructStorage(1)
-    return np.stack([_column(derivative, k) for k in range(len(names))], axis=1)
+def _taken(table: FloatArray, columns: list[int]) -> FloatArray:
+    """Return chosen columns, zeros for those that are not there (-1)."""
+    is_there = np.array(columns) >= 0
+    taken = np.zeros((len(table), len(columns)))
+    taken[:, is_there] = table[:, np.array(columns)[is_there]]
+    return taken
 
 
-def _accelerations(names: list[str], time: FloatArray, speeds: FloatArray, rows: IntArray) -> FloatArray:
-    splines = _splines(names, time, speeds)
-    accelerations = np.full_like(speeds, np.nan)
-    for row in rows:
-        t = float(time[row])
-        accelerations[row] = [splines.evaluate(k, 1, t) for k in range(len(names))]
-    return accelerations
-
-
-def _selected_rows(time: FloatArray, settings: Mapping[str, Any], recorded: FloatArray) -> IntArray:
-    """Choose rows as AnalyzeTool does: the last row at or before each end, no interpolation.
-
-    `time` may reach beyond the time that was `recorded`, for the filter's sake.
-    """
-    ends = (
-        recorded[0] if settings["initial_time"] is None else settings["initial_time"],
-        recorded[-1] if settings["final_time"] is None else settings["final_time"],
-    )
-    first, last = (max(int(np.searchsorted(time, end, side="right")) - 1, 0) for end in ends)
-    step = settings["step_interval"]
-    rows = [row for row in range(first, last + 1) if row in (first, last) or row % step == 0]
-    return np.array(rows, dtype=np.int64)
-
-
-def _storage(labels: tuple[str, ...] | list[str], time: FloatArray, values: FloatArray) -> osim.Storage:
+def _storage(table: Table) -> osim.Storage:
+    """Return an OpenSim table without rows: it knows how columns are to be found."""
     storage = osim.Storage()
     names = osim.ArrayStr()
-    for label in ("time", *labels):
+    for label in ("time", *table.labels):
         names.append(label)
     storage.setColumnLabels(names)
-    for t, row in zip(time.tolist(), np.ascontiguousarray(values), strict=True):
-        storage.append(t, osim.Vector.createFromMat(row))
     return storage
-
-
-def _splines(names: list[str], time: FloatArray, values: FloatArray) -> osim.GCVSplineSet:
-    return osim.GCVSplineSet(DEGREE, _storage(names, time, values))
 
 
 def _first_column(storage: osim.Storage, *labels: str) -> int:
     """Return the first of some columns that is there, as OpenSim finds them, or -1."""
     found = (int(storage.getStateIndex(label)) for label in labels)
     return next((column for column in found if column >= 0), -1)
-
-
-def _column(storage: osim.Storage, index: int) -> FloatArray:
-    column = osim.ArrayDouble()
-    storage.getDataColumn(index, column)
-    return np.array(column.getAsVector().to_numpy())
-
-
-def _time(storage: osim.Storage) -> FloatArray:
-    column = osim.ArrayDouble()
-    storage.getTimeColumn(column)
-    return np.array(column.getAsVector().to_numpy())

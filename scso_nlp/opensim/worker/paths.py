@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from scso_nlp.opensim.worker.bodies import Bodies, MovingBodies
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
+#: Points of a path that stay where they are on their body, when they are part of it.
+STAYING_POINTS = ("PathPoint", "ConditionalPathPoint")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PathPoints:
@@ -30,6 +33,7 @@ class MusclePath:
     opensim: osim.AbstractGeometryPath
     geometry: osim.GeometryPath | None  # None for fitted paths (FunctionBasedPath), which have no points
     fixed: PathPoints | None  # in their bodies; None where they may change
+    wraps: bool  # it may touch wrap surfaces
     moves: bool  # its points may change: wraps, moving or conditional points, or fitted
     drives_mobilities: bool  # it also pushes coordinates directly: moving points and fitted paths
 
@@ -40,15 +44,22 @@ def read_path(muscle: osim.Muscle, state: osim.State, bodies: Bodies) -> MuscleP
     geometry = osim.GeometryPath.safeDownCast(path)
     if geometry is None:
         return MusclePath(
-            opensim=path, geometry=None, fixed=_points([], [], []), moves=True, drives_mobilities=True
+            opensim=path,
+            geometry=None,
+            fixed=_points([], [], []),
+            wraps=False,
+            moves=True,
+            drives_mobilities=True,
         )
     points = _every(geometry.getPathPointSet())
     kinds = [point.getConcreteClassName() for point in points]
-    moves = geometry.getWrapSet().getSize() > 0 or any(kind != "PathPoint" for kind in kinds)
+    wraps = geometry.getWrapSet().getSize() > 0
+    moves = wraps or any(kind != "PathPoint" for kind in kinds)
     return MusclePath(
         opensim=path,
         geometry=geometry,
         fixed=None if moves else _fixed_points(points, state, bodies),
+        wraps=wraps,
         moves=moves,
         drives_mobilities="MovingPathPoint" in kinds,
     )
@@ -61,28 +72,56 @@ def path_bodies(geometry: osim.GeometryPath, bodies: Bodies) -> set[int]:
     return {bodies.of(frame) for frame in (*frames, *(wrap.getWrapObject().getFrame() for wrap in wraps))}
 
 
-def path_arrays(
-    paths: Sequence[MusclePath],
-    state: osim.State,
-    bodies: Bodies,
-    rotations: FloatArray,
-    origins: FloatArray,
-) -> dict[str, NDArray[Any]]:
-    """Return all paths' points in ground, their bodies and whether they move, padded to the longest path.
+class CurrentPaths:
+    """The points of all paths in one pose after the other; what cannot change is read once."""
 
-    Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
-    """
-    every = [path.fixed or _current_points(path, state, bodies) for path in paths]
-    n_muscles, n_points = len(every), max((len(points.bodies) for points in every), default=0)
-    locations = np.zeros((n_muscles, n_points, 3))
-    owners = np.full((n_muscles, n_points), -1, dtype=np.int64)
-    moves = np.zeros((n_muscles, n_points), dtype=bool)
-    for m, (path, points) in enumerate(zip(paths, every, strict=True)):
-        n, own, places = len(points.bodies), points.bodies, points.locations
-        if path.fixed is not None:
-            places = np.einsum("pij,pj->pi", rotations[own], places) + origins[own]
-        locations[m, :n], owners[m, :n], moves[m, :n] = places, own, points.moves
-    return {"path_points": locations, "path_point_bodies": owners, "path_point_moves": moves}
+    def __init__(self, paths: Sequence[MusclePath], state: osim.State, bodies: Bodies) -> None:
+        self._bodies = bodies
+        self._n_muscles = len(paths)
+        self._fixed = {m: path.fixed for m, path in enumerate(paths) if path.fixed is not None}
+        self._geometries = {m: path.geometry for m, path in enumerate(paths) if m not in self._fixed}
+        #: body and place of points that stay there, by their address: they live as long as the model
+        self._known: dict[int, tuple[int, FloatArray]] = {}
+        for geometry in self._geometries.values():
+            assert geometry is not None
+            points = [
+                point
+                for point in _every(geometry.getPathPointSet())
+                if point.getConcreteClassName() in STAYING_POINTS
+            ]
+            places = _fixed_points(points, state, bodies)
+            for point, body, place in zip(points, places.bodies.tolist(), places.locations, strict=True):
+                self._known[int(point.this)] = body, place
+
+    def at(self, state: osim.State, rotations: FloatArray, origins: FloatArray) -> dict[str, NDArray[Any]]:
+        """Return all paths' points in ground, their bodies and whether they move, padded to the longest path.
+
+        Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
+        """
+        every = self._fixed | {m: self._current(geometry, state) for m, geometry in self._geometries.items()}
+        n_points = max((len(points.bodies) for points in every.values()), default=0)
+        places = np.zeros((self._n_muscles, n_points, 3))
+        owners = np.full((self._n_muscles, n_points), -1, dtype=np.int64)
+        moves = np.zeros((self._n_muscles, n_points), dtype=bool)
+        for m, points in every.items():
+            n = len(points.bodies)
+            places[m, :n], owners[m, :n], moves[m, :n] = points.locations, points.bodies, points.moves
+        stay = (owners >= 0) & ~moves
+        own = owners[stay]
+        places[stay] = np.einsum("pij,pj->pi", rotations[own], places[stay]) + origins[own]
+        return {"path_points": places, "path_point_bodies": owners, "path_point_moves": moves}
+
+    def _current(self, geometry: osim.GeometryPath, state: osim.State) -> PathPoints:
+        """Return the points of a path now: those that move in ground, others in their bodies."""
+        owners, places, moves = [], [], []
+        for point in _every(geometry.getCurrentPath(state)):
+            known = self._known.get(int(point.this))
+            moves.append(known is None)
+            if known is None:
+                known = self._bodies.of(point.getParentFrame()), point.getLocationInGround(state).to_numpy()
+            owners.append(known[0])
+            places.append(known[1])
+        return _points(owners, places, moves)
 
 
 class PathForces:
@@ -128,7 +167,7 @@ class FixedPaths:
     muscles: IntArray  # (n_fixed,)
     bodies: IntArray  # (n_fixed, n_points)
     locations: FloatArray  # (n_fixed, n_points, 3) [m]
-    is_segment: BoolArray  # (n_fixed, n_points - 1), False between padding points
+    is_segment: BoolArray  # (n_fixed, n_points - 1), False between padding points and within a body
 
     def moment_arms(self, at: MovingBodies) -> FloatArray:
         """Return minus the paths' lengthening per speed, shape (n, n_fixed) [m]."""
@@ -136,7 +175,9 @@ class FixedPaths:
         segments = np.diff(at.origins[self.bodies] + arms, axis=1)
         lengths = np.linalg.norm(segments, axis=2)
         directions = np.where(self.is_segment[..., None], segments, 0.0)
-        directions /= np.where(self.is_segment, lengths, 1.0)[..., None]
+        # as in OpenSim, a segment without length has no direction
+        with np.errstate(invalid="ignore"):
+            directions /= np.where(self.is_segment, lengths, 1.0)[..., None]
         rates = np.diff(at.point_velocities(self.bodies, arms), axis=1)
         return -np.einsum("mpi,mpic->cm", directions, rates)
 
@@ -152,7 +193,7 @@ def fixed_paths(paths: Sequence[MusclePath]) -> FixedPaths:
         n = len(points.bodies)
         bodies[i], locations[i] = points.bodies[-1], points.locations[-1]
         bodies[i, :n], locations[i, :n] = points.bodies, points.locations
-        is_segment[i, : n - 1] = True
+        is_segment[i, : n - 1] = points.bodies[1:] != points.bodies[:-1]
     muscles = np.array(list(chosen), dtype=np.int64)
     return FixedPaths(muscles=muscles, bodies=bodies, locations=locations, is_segment=is_segment)
 
@@ -167,16 +208,6 @@ def _fixed_points(points: list[osim.AbstractPathPoint], state: osim.State, bodie
         locations.append(location.to_numpy())
     owners = [bodies.of(point.getParentFrame()) for point in points]
     return _points(owners, locations, [False] * len(points))
-
-
-def _current_points(path: MusclePath, state: osim.State, bodies: Bodies) -> PathPoints:
-    assert path.geometry is not None
-    points = _every(path.geometry.getCurrentPath(state))
-    return _points(
-        [bodies.of(point.getParentFrame()) for point in points],
-        [point.getLocationInGround(state).to_numpy() for point in points],
-        [point.getConcreteClassName() in ("PathWrapPoint", "MovingPathPoint") for point in points],
-    )
 
 
 def _points(bodies: list[int], locations: list[FloatArray], moves: list[bool]) -> PathPoints:
