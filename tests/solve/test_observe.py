@@ -79,6 +79,6 @@ def test_a_term_with_unknowns_of_its_own_cannot_be_observed(rng):
     with pytest.raises(scso.ProblemError, match="LiftedStability has unknowns of its own"):
         scso.solve_trajectory(problem)
     with pytest.raises(
-        scso.ProblemError, match="observed is .*, expected a sequence of objects of FrameConstraint"
+        scso.ProblemError, match=r"observed is .*, expected a sequence of objects of FrameConstraint"
     ):
         dataclasses.replace(problem, observed=(scso.ActivationRate(),))
