@@ -97,7 +97,8 @@ def _talk_to_parent_only(log: Path) -> TextIO:
 
 def _with_file(message: str, job: Job) -> str:
     """Begin a message with the model's file, unless it names a file already."""
-    files = [os.path.basename(value) for value in job.settings.values() if isinstance(value, str)]
+    paths = [*job.inputs, *(value for value in job.settings.values() if isinstance(value, str))]
+    files = [os.path.basename(path) for path in paths]
     model = os.path.basename(job.settings["model"])
     return message if any(file and file in message for file in files) else f"{model}: {message}"
 
