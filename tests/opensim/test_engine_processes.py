@@ -525,7 +525,8 @@ def test_a_muscle_that_opensim_has_no_force_for_is_named(tiny: Tiny) -> None:
         load_motion(tiny.setup, processes=1)
     assert re.fullmatch(
         r"tiny.osim: OpenSim's active force of 'flexor' \(Millard2012EquilibriumMuscle\) is nan at "
-        r"t = 0\.\d+ s, expected a finite number: check its parameters in the model \(max_contraction_velocity is 0 1/s\)",
+        r"t = 0\.\d+ s, expected a finite number: check its parameters in the model "
+        r"\(max_contraction_velocity is 0 1/s\)",
         str(failure.value),
     )
 
