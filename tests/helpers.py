@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import clarabel
-import daqp
 import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import linprog
@@ -269,7 +268,7 @@ def frame_arrays(problem, k):
 
 
 def solve_qp_frame(problem, k):
-    """Optimum of one frame at exponent 2 by the active-set solver DAQP, from plain arrays.
+    """Optimum of one frame at exponent 2 by Clarabel, from plain arrays.
 
     Returns x = (activations, controls).
     """
@@ -278,20 +277,23 @@ def solve_qp_frame(problem, k):
 
 
 def solve_qp(hessian, gradient, a, b, g, h, lower, upper):
-    """min x'Hx/2 + f'x with A x = b, G x >= h and bounds, by DAQP on rows of unit length."""
+    """min x'Hx/2 + f'x with A x = b, G x >= h and bounds, by Clarabel on rows of unit length."""
     size, rows = np.linalg.norm(a, axis=1), np.linalg.norm(g, axis=1)
-    infinite = 1e30  # DAQP's own infinity
-    matrix = np.ascontiguousarray(np.vstack([a / size[:, None], g / rows[:, None]]))
-    top = np.concatenate([np.minimum(upper, infinite), b / size, np.full(len(h), infinite)])
-    bottom = np.concatenate([np.maximum(lower, -infinite), b / size, h / rows])
-    sense = np.zeros(top.size, dtype=np.int32)
-    equation = 5  # DAQP's flag of an equation: active and immutable
-    sense[len(lower) : len(lower) + len(b)] = equation
-    x, _, flag, _ = daqp.solve(
-        np.ascontiguousarray(hessian, dtype=float), gradient, matrix, top, bottom, sense, primal_tol=1e-10
-    )
-    assert flag == 1, f"DAQP ended with flag {flag}"
-    return np.asarray(x)
+    low, high = np.isfinite(lower), np.isfinite(upper)
+    eye = np.eye(len(lower))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    answer = clarabel.DefaultSolver(
+        sp.csc_matrix(np.triu(hessian)),
+        np.asarray(gradient, dtype=float),
+        sp.csc_matrix(np.vstack([a / size[:, None], -g / rows[:, None], -eye[low], eye[high]])),
+        np.concatenate([b / size, -h / rows, -lower[low], upper[high]]),
+        [clarabel.ZeroConeT(len(b)), clarabel.NonnegativeConeT(len(h) + int(low.sum()) + int(high.sum()))],
+        settings,
+    ).solve()
+    assert str(answer.status) in ("Solved", "AlmostSolved"), str(answer.status)
+    return np.asarray(answer.x)
 
 
 def solve_power_frame(problem, k, exponent):

@@ -5,7 +5,7 @@ Usage: python -m problems.benchmarks.answers_against_opensim [SETUP.xml ...] [--
 Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stands, and at about 20 of its
 frames with a convergence criterion of 1e-8. Frames count where OpenSim's log names no failure and its
 equations are kept. Activations are compared as they are, each reserve and residual relative to its own peak.
-The exact optimum of the same arrays, by the active-set solver DAQP, tells who is right; OpenSim's answer put
+The exact optimum of the same arrays, by Clarabel, tells who is right; OpenSim's answer put
 into our equations of equilibrium tells whether they are its own. Where the low-pass filter would make OpenSim
 resample without end, both are asked without it. With `--data`, setups are written for the third-party data
 there that have none.
@@ -22,8 +22,9 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import daqp
+import clarabel
 import numpy as np
+import scipy.sparse as sp
 
 import scso_nlp as scso
 from problems.benchmarks.setups import write_setups
@@ -97,7 +98,7 @@ class Comparison:
     solved_tight: tuple[int, int]  # by OpenSim with the tight criterion, and how many it was asked for
     as_it_stands: Difference
     tight: Difference
-    from_optimum: Difference  # of the answer here from DAQP's
+    from_optimum: Difference  # of the answer here from Clarabel's
     opensim_from_optimum: Difference
     missed: float  # by OpenSim's answer in our equations of equilibrium [N or N·m]
     largest_moment: float
@@ -168,22 +169,28 @@ def equations(motion: scso.Motion, with_physiology: bool) -> FloatArray:
 
 def optimum(motion: scso.Motion, matrices: FloatArray) -> FloatArray:
     """Return the least sum of squares of every frame, shape (n_frames, n); NaN where there is none."""
-    actuators, muscles, infinite = motion.actuators, motion.muscles, 1e30
-    lower = np.maximum(np.concatenate([muscles.min_activation, actuators.min_control]), -infinite)
-    upper = np.minimum(np.concatenate([muscles.max_activation, actuators.max_control]), infinite)
+    actuators, muscles = motion.actuators, motion.muscles
+    lower = np.concatenate([muscles.min_activation, actuators.min_control])
+    upper = np.concatenate([muscles.max_activation, actuators.max_control])
+    low, high, eye = np.isfinite(lower), np.isfinite(upper), np.eye(len(lower))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     found = np.full((motion.n_frames, len(lower)), np.nan)
     for k, (matrix, wanted) in enumerate(zip(matrices, motion.trajectory.generalized_forces, strict=True)):
         size = np.linalg.norm(matrix, axis=1)
         used = size > 0
-        rows, b = np.ascontiguousarray(matrix[used] / size[used, None]), wanted[used] / size[used]
-        # equations are active and immutable: 5
-        sense = np.repeat(np.array([0, 5], dtype=np.int32), [len(lower), len(b)])
-        above, below = np.concatenate([upper, b]), np.concatenate([lower, b])
-        x, _, flag, _ = daqp.solve(
-            np.eye(len(lower)), np.zeros(len(lower)), rows, above, below, sense, primal_tol=1e-10
-        )
-        if flag == 1:
-            found[k] = x
+        rows, b = matrix[used] / size[used, None], wanted[used] / size[used]
+        answer = clarabel.DefaultSolver(
+            sp.csc_matrix(eye),
+            np.zeros(len(lower)),
+            sp.csc_matrix(np.vstack([rows, -eye[low], eye[high]])),
+            np.concatenate([b, -lower[low], upper[high]]),
+            [clarabel.ZeroConeT(len(b)), clarabel.NonnegativeConeT(int(low.sum()) + int(high.sum()))],
+            settings,
+        ).solve()
+        if str(answer.status) == "Solved":
+            found[k] = answer.x
     return found
 
 

@@ -35,7 +35,7 @@ def with_terms(problem, objectives=(), constraints=()):
 
 
 def dense(problem, smoothness=0.0, fastest=None):
-    """The whole motion as one quadratic program over all frames, solved by DAQP."""
+    """The whole motion as one quadratic program over all frames, solved by Clarabel."""
     frames = [frame_arrays(problem, k) for k in range(4)]
     n, m = frames[0][0].size, problem.motion.muscles.n_muscles
     hessian = np.diag(np.concatenate([2 * frame[0] for frame in frames]))

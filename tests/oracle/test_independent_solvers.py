@@ -1,4 +1,4 @@
-"""Other programs' optima of the same frames, from plain arrays: DAQP, Clarabel and HiGHS."""
+"""Other programs' optima of the same frames, from plain arrays: Clarabel and HiGHS."""
 
 from __future__ import annotations
 
