@@ -5,10 +5,10 @@ Usage: python -m problems.benchmarks.answers_against_opensim [SETUP.xml ...] [--
 Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stands, and at about 20 of its
 frames with a convergence criterion of 1e-8. Frames count where OpenSim's log names no failure and its
 equations are kept. Activations are compared as they are, each reserve and residual relative to its own peak.
-The exact optimum of the same arrays, in closed form from the bounds that Clarabel finds to hold, tells who is right; OpenSim's answer put
-into our equations of equilibrium tells whether they are its own. Where the low-pass filter would make OpenSim
-resample without end, both are asked without it. With `--data`, setups are written for the third-party data
-there that have none.
+The exact optimum of the same arrays, in closed form from the bounds that Clarabel finds to hold, tells who is
+right; OpenSim's answer put into our equations of equilibrium tells whether they are its own. Where the low-pass
+filter would make OpenSim resample without end, both are asked without it. With `--data`, setups are written for
+the third-party data there that have none.
 """
 
 from __future__ import annotations
@@ -205,8 +205,8 @@ def least_norm(
 ) -> FloatArray:
     """Give the least norm to rounding, from the unknowns (n,) that bounds hold and NaN for the others.
 
-    With these fixed it is the shortest vector that keeps the equations, in closed form; and the optimum, if it
-    stays within the bounds and every bound pushes inwards. NaN otherwise.
+    With these fixed it is the shortest vector that keeps the equations, in closed form; and the optimum if
+    it stays within the bounds and every bound pushes inwards. NaN otherwise.
     """
     free = np.isnan(fixed)
     x = np.where(free, 0.0, fixed)
