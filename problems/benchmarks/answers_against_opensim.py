@@ -6,9 +6,9 @@ Each setup is solved by `scso run` as it stands and by OpenSim twice: as it stan
 frames with a convergence criterion of 1e-8. Frames count where OpenSim's log names no failure and its
 equations are kept. Activations are compared as they are, each reserve and residual relative to its own peak.
 The exact optimum of the same arrays, in closed form from the bounds that Clarabel finds to hold, tells who is
-right; OpenSim's answer put into our equations of equilibrium tells whether they are its own. Where the low-pass
-filter would make OpenSim resample without end, both are asked without it. With `--data`, setups are written for
-the third-party data there that have none.
+right; OpenSim's answer put into our equations of equilibrium tells whether they are its own. Where the
+low-pass filter would make OpenSim resample without end, both are asked without it. With `--data`, setups are
+written for the third-party data there that have none.
 """
 
 from __future__ import annotations
