@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import reprlib
 from typing import Any
@@ -41,16 +42,19 @@ def number(text: str) -> float:
     Returns
     -------
     float
-        The nearest double; infinite beyond the doubles.
+        The nearest double; infinite where that is written out.
 
     Raises
     ------
     ValueError
-        Not a number.
+        Not a number, or one beyond the doubles.
     """
     if not _NUMBER.fullmatch(text.strip()):
         raise ValueError(f"{shown(text)} is not a number")
-    return float(text)
+    value = float(text)
+    if math.isinf(value) and any(sign.isdigit() for sign in text):
+        raise ValueError(f"{shown(text)} is not a number below 1.8e308")
+    return value
 
 
 def shown(value: object, longest: int = 60) -> str:

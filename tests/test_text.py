@@ -16,14 +16,15 @@ from scso_nlp.text import number, shown
         ("007", 7.0),
         ("5.", 5.0),
         ("-Inf", -math.inf),
-        ("1e400", math.inf),
     ],
 )
 def test_numbers_are_read_as_other_programs_write_them(text, value):
     assert number(text) == value
 
 
-@pytest.mark.parametrize("text", ["", "1_0", "१", "0x10", "1,5", "1.2.3", "1e", "nan(7)", "1 2", "True"])
+@pytest.mark.parametrize(
+    "text", ["", "1_0", "१", "0x10", "1,5", "1.2.3", "1e", "nan(7)", "1 2", "True", "1e400", "9" * 400]
+)
 def test_what_no_other_program_takes_for_a_number_is_none(text):
     with pytest.raises(ValueError, match="is not a number"):
         number(text)
