@@ -27,7 +27,7 @@ from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.files import lock
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.opensim.worker.exchange import JOB, LOAD_DATA, Job, Result, log_file, read_result, write_job
+from scso_nlp.opensim.worker.exchange import LOAD_DATA, Job, Result, log_file, read_result, write_job
 from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
@@ -113,25 +113,29 @@ def extract(
 def _own_folder() -> Iterator[Path]:
     """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
     _remove_orphans()
-    folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
-    descriptor = None
+    folder, descriptors = None, []
     try:
-        descriptor = lock(folder)
+        # another run may take it for an orphan before it is locked
+        while folder is None or not folder.is_dir():
+            folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
+            with contextlib.suppress(OSError):
+                descriptors.append(lock(folder, wait=True))
         yield folder
     finally:
         with undisturbed():
-            shutil.rmtree(folder, ignore_errors=True)
-        if descriptor is not None:
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+        for descriptor in filter(None, descriptors):
             os.close(descriptor)
 
 
 def _remove_orphans() -> None:
-    for job in Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*/{JOB}"):
-        # a folder is locked before its job is written; others may belong to somebody else
+    for folder in Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*"):
+        # that of a run is locked
         with contextlib.suppress(OSError):
-            descriptor = lock(job.parent)
+            descriptor = lock(folder)
             if descriptor is not None:
-                shutil.rmtree(job.parent, ignore_errors=True)
+                shutil.rmtree(folder, ignore_errors=True)
                 os.close(descriptor)
 
 

@@ -361,7 +361,7 @@ def test_folders_of_killed_programs_are_removed_and_no_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    names = {what: tmp_path / f"{crew.TEMPORARY}{what}" for what in ("killed", "running", "new")}
+    names = {what: tmp_path / f"{crew.TEMPORARY}{what}" for what in ("killed", "running", "empty")}
     for folder in names.values():
         folder.mkdir()
     for what in ("killed", "running"):
@@ -375,10 +375,32 @@ def test_folders_of_killed_programs_are_removed_and_no_others(
             lock(names["running"])
         with crew._own_folder() as own:
             left = {path for path in tmp_path.iterdir() if path != own}
-            assert left == {names["running"], names["new"], tmp_path / "scso_of_mine"}
+            assert left == {names["running"], tmp_path / "scso_of_mine"}
     finally:
         os.close(descriptor)
     assert not own.exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_a_folder_that_another_run_takes_for_an_orphan_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    taken: list[Path] = []
+
+    def late(folder: Path, *, wait: bool = False) -> int | None:
+        if not taken:
+            taken.append(folder)
+            folder.rmdir()
+        return lock(folder, wait=wait)
+
+    monkeypatch.setattr(crew, "lock", late)
+    with crew._own_folder() as own:
+        assert own.is_dir()
+        assert own not in taken
+        with pytest.raises(BlockingIOError):
+            lock(own)
+    assert list(tmp_path.iterdir()) == []
 
 
 def _replace(path: Path, old: str, new: str) -> None:
