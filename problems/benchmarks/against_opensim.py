@@ -13,6 +13,7 @@ import json
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -74,17 +75,18 @@ def run_opensim(setup: str, step: int) -> dict[str, float]:
     for element in tree.iter("step_interval"):
         element.text = str(step)
     for element in tree.iter("results_directory"):
-        element.text = str(Path.cwd() / "opensim_results")
+        element.text = "results"
     for name in ("model_file", "force_set_files", "external_loads_file", "coordinates_file", "states_file"):
         for element in tree.iter(name):
             if element.text and element.text.strip():
                 element.text = " ".join(str(source.parent / part) for part in element.text.split())
-    copy = Path.cwd() / "setup_copy.xml"
-    tree.write(copy)
-    opensim.Logger.setLevelString("Off")
-    started = time.perf_counter()
-    opensim.AnalyzeTool(str(copy)).run()
-    seconds = time.perf_counter() - started
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "setup.xml"
+        tree.write(copy)
+        opensim.Logger.setLevelString("Off")
+        started = time.perf_counter()
+        opensim.AnalyzeTool(str(copy)).run()
+        seconds = time.perf_counter() - started
     return {
         "OpenSim StaticOptimization: all": seconds,
         "peak memory of OpenSim [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
