@@ -171,8 +171,10 @@ def moments(kind: str, longest: float) -> list[float]:
     return np.random.default_rng(seed).uniform(0.0, longest, NUMBER).tolist()
 
 
-#: What the interpreter says if it is interrupted before it runs anything.
+#: What becomes of a run whose interpreter is interrupted before it runs a line of anybody's: it says so and
+#: ends with 1, whatever the program is.
 NOT_YET_PYTHON = "Fatal Python error: init_import_site"
+TOO_EARLY = "before Python runs a line"
 
 
 def as_a_shell_has_it(code: int) -> int:
@@ -203,7 +205,9 @@ def test_a_signal_at_any_moment(tmp_path, example, duration, way, number, whom):
         outcome = "earlier results" if trial.results() == trial.before else "new results"
         if code == 0 and outcome == "new results":
             outcome = FINISHED
-        elif code != 128 + number and NOT_YET_PYTHON not in words:
+        elif code == 1 and NOT_YET_PYTHON in words:
+            outcome = TOO_EARLY
+        elif code != 128 + number:
             what = what or f"exit code {code}"
         outcomes[outcome] += 1
         if what:
