@@ -41,7 +41,11 @@ _STATUS = {
 }
 
 
-#: Barrier parameter of a start at the optimum, over the tolerance [-].
+#: Error of IPOPT's conditions at which it stays at a start: its push from bounds, times large multipliers, is
+#: above tighter ones. The point itself is judged without the push.
+_CONFIRMED = 1e-8
+
+#: Barrier parameter of a start at the optimum, over that error [-].
 _LAST_BARRIER = 1e-4
 
 #: Options for starts at the optimum: stay there, or give up soon.
@@ -65,7 +69,7 @@ class SolverOptions:
     Attributes
     ----------
     tolerance : float
-        IPOPT's scaled optimality tolerance.
+        IPOPT's scaled optimality tolerance, of solves that do not begin at the optimum.
     max_iterations : int
         Per program: the whole trajectory, or one frame.
     frames_per_program : int
@@ -79,7 +83,7 @@ class SolverOptions:
         Further IPOPT options by their own names; they win.
     """
 
-    tolerance: float = 1e-8
+    tolerance: float = 1e-10
     max_iterations: int = 500
     frames_per_program: int = 128
     presolve: bool = True
@@ -128,7 +132,8 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions, *, is_confirming: bool = Fal
         if nlp.objective_is_quadratic:
             ipopt["hessian_constant"] = "yes"
     if is_confirming:
-        ipopt |= _CONFIRMING | {"mu_init": options.tolerance * _LAST_BARRIER}
+        tolerance = max(options.tolerance, _CONFIRMED)
+        ipopt |= _CONFIRMING | {"tol": tolerance, "mu_init": tolerance * _LAST_BARRIER}
     if _LOG.isEnabledFor(logging.DEBUG):
         ipopt["print_level"] = 5
     ipopt |= dict(options.ipopt)

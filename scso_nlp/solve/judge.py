@@ -39,7 +39,7 @@ from scso_nlp.validation import BoolArray, FloatArray
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 LOOSE_VIOLATION = 1e-4
 #: A violation of less than this share of what the entries of the rows add up to is the arithmetic's [-].
-ROUNDING = 1e-10
+ROUNDING = 1e-12
 #: A frame that is further from its optimum than this is not solved [-].
 LOOSE_OPTIMALITY = 1e-3
 
@@ -360,17 +360,18 @@ def _statuses(
     for frame in np.flatnonzero(failed | loose).tolist():
         if frame not in impossible and (alone := contradiction(program, np.array([frame]))) is not None:
             impossible[frame] = alone
-    if failed.any() and program.is_coupled and not impossible:
+    coupled = program.is_coupled
+    if failed.any() and coupled and not impossible:
         whole = contradiction(program, np.arange(len(status)))
         impossible = {} if whole is None else {whole.proof.frame: whole}
     shortfalls = [shortfall for entry in impossible.values() for shortfall in entry.shortfalls]
     # Rows of one frame that are all affine can be kept if they do not contradict each other.
     otherwise = Status.LOCALLY_INFEASIBLE
-    if not (program.split.nonlinear or program.is_coupled):
+    if not (program.split.nonlinear or coupled):
         otherwise = Status.NUMERICAL_ERROR
     undefined = program.undefined(_somewhere(program, outcome.unknowns)) if failed.any() else {}
     for k in range(len(status)):
-        if k in impossible or (program.is_coupled and impossible and failed[k]):
+        if k in impossible or (coupled and impossible and failed[k]):
             status[k] = Status.INFEASIBLE
         elif status[k] is Status.INFEASIBLE:
             status[k] = otherwise

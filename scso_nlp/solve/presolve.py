@@ -74,6 +74,8 @@ class Start:
         Of the rows, in the solver's sign and scale, for the objective without weights.
     reduced_cost : ndarray, shape (n_frames, n_unknowns)
         Gradient of the Lagrangian without bounds: what the bounds have to hold.
+    worst : ndarray, shape (n_frames,)
+        How far each frame is from its optimum, infinite where it was not found.
     is_optimal : ndarray of bool, shape (n_frames,)
         Frames that are at their optimum; the others are where they began, without multipliers.
     is_doubtful : ndarray of bool, shape (n_frames,)
@@ -83,6 +85,7 @@ class Start:
     unknowns: FloatArray
     multipliers: FloatArray
     reduced_cost: FloatArray
+    worst: FloatArray
     is_optimal: BoolArray
     is_doubtful: BoolArray
 
@@ -111,6 +114,7 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Star
             unknowns=unknowns,
             multipliers=multipliers,
             reduced_cost=reduced,
+            worst=np.full(n, np.inf),
             is_optimal=solved,
             is_doubtful=doubtful,
         )
@@ -125,11 +129,13 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Star
         solved[part], doubtful[part] = ~block.is_contradicted, block.is_contradicted
         reduced[part] = block.reduced_cost()
     worst = optimality_of(program, unknowns, (multipliers, np.zeros((max(n - 1, 0), 0))), solved).worst
-    optimal = solved & (np.nan_to_num(worst, nan=np.inf) <= OPTIMALITY_TOLERANCE)
+    worst = np.nan_to_num(worst, nan=np.inf)
+    optimal = solved & (worst <= OPTIMALITY_TOLERANCE)
     return Start(
         unknowns=np.where(optimal[:, None], unknowns, start),
         multipliers=np.where(optimal[:, None], multipliers, 0.0),
         reduced_cost=reduced,
+        worst=worst,
         is_optimal=optimal,
         is_doubtful=doubtful,
     )

@@ -164,7 +164,12 @@ class _Run:
             if not self._call(*built[block.size], block, exact).status.is_solved and block.size > 1:
                 blocks += np.array_split(block, block.size)
         self.start, self.scale = start, scale
-        for k in frames[self._worst()[frames] > OPTIMALITY_TOLERANCE]:
+        worst = self._worst()
+        # the barrier needs a push from bounds, and large rows a step: what is confirmed may be nearer
+        nearer = exact.is_optimal & (exact.worst <= worst) & np.isfinite(worst)
+        self.unknowns[nearer] = exact.unknowns[nearer]
+        self.multipliers[0][nearer] = exact.multipliers[nearer]
+        for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
             self.status[k] = None
 
     def together(self) -> None:

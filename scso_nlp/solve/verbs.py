@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import logging
 import platform
@@ -225,6 +226,11 @@ def _gentler(problem: MuscleForceProblem) -> MuscleForceProblem | None:
 
 def versions() -> dict[str, str]:
     """Versions of this package and of what it stands on."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     names = ("scso_nlp", "casadi", "numpy", "scipy", "opensim")
     found = {"python": platform.python_version()}
     for name in names:

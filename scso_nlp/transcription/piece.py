@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -47,11 +48,19 @@ class Piece:
 
     def slope(self) -> ca.Function:
         """Make a function with the gradient of a scalar expression by all its unknowns."""
+        return self._slope
+
+    @functools.cached_property
+    def _slope(self) -> ca.Function:
         return self.function(ca.densify(ca.gradient(self.expression, self.all_unknowns)))
 
     def values(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
         """Evaluate the expression for all frames (or pairs), shape (n_frames, n_rows)."""
-        return evaluate(self, self.function(), unknowns, arrays)[0]
+        return evaluate(self, self._value, unknowns, arrays)[0]
+
+    @functools.cached_property
+    def _value(self) -> ca.Function:
+        return self.function()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +82,10 @@ class Derivatives:
 
 def first_order(piece: Piece) -> Derivatives:
     """Value, and entries of the Jacobian by all unknowns."""
-    return _derivatives(piece, piece.expression, ca.jacobian(piece.expression, piece.all_unknowns))
+    # row by row: together, a sweep over the graph of all rows is made for every colour of a dense matrix
+    rows = [ca.jacobian(row, piece.all_unknowns) for row in ca.vertsplit(piece.expression)]
+    matrix = ca.vertcat(*rows) if rows else ca.jacobian(piece.expression, piece.all_unknowns)
+    return _derivatives(piece, piece.expression, matrix)
 
 
 def second_order(piece: Piece, x: ca.SX | None = None) -> Derivatives:
@@ -92,6 +104,12 @@ def _derivatives(piece: Piece, value: ca.SX, matrix: ca.SX) -> Derivatives:
 def curved(expression: ca.SX, unknowns: ca.SX) -> list[bool]:
     """Tell which rows of a column are not affine in the unknowns."""
     return list(ca.which_depends(expression, unknowns, 2, True))
+
+
+@functools.lru_cache(maxsize=64)
+def _mapped(function: ca.Function, n_frames: int) -> ca.Function:
+    """Make one function of many frames; making it takes longer than calling it once."""
+    return function.map(n_frames)
 
 
 def evaluate(
@@ -113,7 +131,7 @@ def evaluate(
     for start in range(0, n, _FRAMES_AT_ONCE):
         part = slice(start, min(start + _FRAMES_AT_ONCE, n))
         # arrays are read and written where they are: a DM of moment arms takes ten times as long to make
-        buffer, call = function.map(part.stop - start).buffer()
+        buffer, call = _mapped(function, part.stop - start).buffer()
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         for i, array in enumerate(given):
             buffer.set_arg(i, array.data)

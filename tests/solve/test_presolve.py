@@ -45,9 +45,10 @@ def test_the_closed_form_of_one_joint_is_found_to_rounding(exponent):
 def test_the_optimum_is_that_of_a_cold_start_and_not_above(rng, solve, exponent):
     problem = random_problem(rng, n_frames=7, exponent=exponent, reserve=5.0)
     cold, warm = solve(problem, options=COLD, on_failure="return"), solve(problem)
-    assert warm.report.iterations <= cold.report.iterations
+    if exponent >= 2:  # the curvature below it is infinite at zero: some frames go to IPOPT cold
+        assert warm.report.iterations < cold.report.iterations
     assert (warm.optimality.worst <= 1e-6).all()
-    assert warm.objective <= cold.objective * (1 + (1e-6 if exponent < 1.5 else 1e-8))
+    assert warm.objective <= cold.objective * (1 + 1e-8)
     if exponent in (2.0, 3.0):
         np.testing.assert_allclose(warm.activation, cold.activation, atol=1e-6)
         for name, rows in cold.rows.items():
