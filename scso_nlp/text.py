@@ -57,6 +57,21 @@ def number(text: str) -> float:
     return value
 
 
+def printable(text: str) -> str:
+    """Write out control characters, e.g. of names in a file, that would move a terminal's cursor.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        Ends of lines stay.
+    """
+    return "".join(sign if sign.isprintable() or sign == "\n" else repr(sign)[1:-1] for sign in text)
+
+
 def shown(value: object, longest: int = 60) -> str:
     """Write a value for a message, as Python does, but not at any length.
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 # OpenSim's documentation, best practices, "Reserves and Residuals": 10 %, 10 to 20 N, 75 N·m.
 #: Largest share of a coordinate's peak moment that its reserves should carry [-].
 RESERVE_LIMIT = 0.10
 #: Largest residual force and moment [N, N·m].
 RESIDUAL_LIMITS = {"N": 20.0, "N·m": 75.0}
+#: A margin nearer to zero is shown as zero: a row that is just kept [unit of the row].
+ROUNDING = 1e-9
 #: Statuses of frames that may be used.
 USABLE = ("SOLVED", "STABILITY_MISSED", "ACCEPTABLE")
 #: Statuses of all others.
@@ -121,7 +123,10 @@ class Verdict:
         if self.missed is not None:
             first += f"; levels missed in {self.frames_missed} frames, most by {self.missed}"
         if self.margin is not None:
-            first += f"; least margin {self.margin}"
+            margin = self.margin
+            if abs(margin.amount) < ROUNDING:
+                margin = replace(margin, amount=0.0)
+            first += f"; least margin {margin}"
         paid = ", ".join(f"{amount:.4g} of {what}" for what, amount in self.effort.items() if amount)
         first += f"; effort {paid}" if paid else ""
         second = "no reserves"

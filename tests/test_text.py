@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from scso_nlp.text import number, shown
+from scso_nlp.text import number, printable, shown
 
 
 @pytest.mark.parametrize(
@@ -50,3 +50,7 @@ def test_long_values_are_cut_where_they_are_shown():
 )
 def test_of_arrays_it_is_said_what_they_hold(array, text):
     assert shown(array) == text
+
+
+def test_control_characters_do_not_reach_the_terminal():
+    assert printable("knee\x1b[31m_r\r\nürgh\x07") == "knee\\x1b[31m_r\\r\nürgh\\x07"

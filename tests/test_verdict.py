@@ -29,6 +29,8 @@ def test_hard_levels_that_are_kept_leave_a_clean_verdict(rng):
     assert verdict.missed is None
     assert verdict.margin.amount == pytest.approx(solution.stability.margin.min(), abs=1e-12)
     assert verdict.lines()[0].startswith("3 of 3 frames solved; least margin ")
+    just_kept = dataclasses.replace(verdict, margin=dataclasses.replace(verdict.margin, amount=-1e-13))
+    assert f"least margin 0 N·m/rad ({verdict.margin.name} at" in just_kept.lines()[0]
 
 
 def test_missed_soft_levels_are_said_with_row_time_and_amount(rng):

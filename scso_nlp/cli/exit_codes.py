@@ -15,6 +15,7 @@ from types import FrameType
 import typer
 
 from scso_nlp.exceptions import ScsoError, loading_fault
+from scso_nlp.text import printable
 
 #: Some frame was not solved.
 FRAME_FAILED = 1
@@ -38,7 +39,7 @@ def exit_codes(verbose: bool) -> Iterator[None]:
     processes go with it.
     """
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("scso: %(message)s"))
+    handler.setFormatter(_Printable("scso: %(message)s"))
     logger = logging.getLogger("scso_nlp")
     level = logger.level
     logger.addHandler(handler)
@@ -47,7 +48,7 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         with _stop_signals():
             yield
     except ScsoError as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(printable(f"error: {error}"), err=True)
         raise typer.Exit(BAD_INPUT) from None
     except KeyboardInterrupt:
         typer.echo("stopped", err=True)
@@ -64,7 +65,7 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         raise
     except Exception as error:
         if sentence := _outside(error):
-            typer.echo(f"error: {sentence}", err=True)
+            typer.echo(printable(f"error: {sentence}"), err=True)
             raise typer.Exit(BAD_INPUT) from None
         traceback.print_exc()
         typer.echo("error: this is a bug in scso, please report it with the lines above", err=True)
@@ -72,6 +73,14 @@ def exit_codes(verbose: bool) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+class _Printable(logging.Formatter):
+    """Messages as a terminal may show them."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Format as usual, control characters written out."""
+        return printable(super().format(record))
 
 
 def _outside(error: Exception) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
-from scso_nlp.files import absolute, read_text
+from scso_nlp.files import absolute, read_text, refused
 from scso_nlp.io.storage import Storage, read_storage
 from scso_nlp.text import shown
 from scso_nlp.validation import BoolArray, FloatArray, read_only, read_only_flags, unique_names
@@ -233,9 +233,12 @@ def read_results(
 def _read_report(folder: Path) -> dict[str, Any]:
     """Read ``report.json`` and check what is used of it."""
     path = folder / _REPORT
-    if not os.path.isdir(folder):
-        raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written")
-    if not os.path.lexists(path):
+    with refused(folder, "cannot be read"):
+        try:
+            names = os.listdir(folder)
+        except (FileNotFoundError, NotADirectoryError):
+            raise DataError(f"{folder} is not a folder, expected one that 'scso run' has written") from None
+    if _REPORT not in names:
         raise DataError(
             f"{folder} has no {_REPORT}: it holds no results, or a run that was interrupted; run it again"
         )

@@ -337,6 +337,7 @@ def edit(path: Path, old: str, new: str) -> None:
         ("setup.xml", "motion.mot", "walk.mot", "'walk.mot' does not exist"),
         ("motion.mot", "5\t0\t0", "5\tnan\t0", "lumbar_pelvis_flexion"),
         ("motion.mot", "lumbar_pelvis_flexion", "pelvis_flexion", "lumbar_pelvis_flexion"),
+        ("setup.xml", "motion.mot", "walk\x7f.mot", r"walk\x7f.mot' does not exist"),
         ("external_loads.xml", "loads.mot", "forces.mot", "'forces.mot' does not exist"),
         ("spine.osim", "</Model>", "", "spine.osim"),
     ],

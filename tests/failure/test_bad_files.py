@@ -82,7 +82,7 @@ def settings(folder: Path, *lines: str) -> Path:
     ],
 )
 def test_names_that_are_too_long_for_the_system(folder, arguments):
-    assert re.search("File name too long|is not a folder", scso_says(*arguments))
+    assert re.search("File name too long", scso_says(*arguments))
 
 
 @pytest.mark.parametrize("option", ["--model", "--output", "--cache", "--coordinates-file"])
@@ -156,7 +156,7 @@ def secret(folder, monkeypatch):
     ],
 )
 def test_a_folder_that_must_not_be_entered(secret, arguments):
-    assert re.search("Permission denied|is not a folder", scso_says(*arguments))
+    assert re.search("Permission denied", scso_says(*arguments))
 
 
 # Files that are none ------------------------------------------------------------------------------
