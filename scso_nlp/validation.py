@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy.typing import NDArray
 
 from scso_nlp.exceptions import DataError, NameMismatchError
@@ -25,7 +26,7 @@ from scso_nlp.text import shown
 MOST_NAMES = 12
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+IntArray = NDArray[np.signedinteger[Any]]
 BoolArray = NDArray[np.bool_]
 
 
@@ -40,7 +41,7 @@ copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
 def read_only(
     name: str, values: object, shape: Sequence[int], axes: str, *, finite: bool = True
 ) -> FloatArray:
-    """Copy `values` to a read-only float array of the given shape.
+    """Turn `values` into a read-only float array of the given shape.
 
     Parameters
     ----------
@@ -58,25 +59,24 @@ def read_only(
     Returns
     -------
     ndarray, shape `shape`
-        A copy that cannot be written to.
+        A copy that cannot be written to; `values` itself if it is that already and owns its numbers.
 
     Raises
     ------
     DataError
         Not numeric, wrong shape, or not finite (the first bad index is named).
     """
-    array = _of_shape(name, _numbers(name, values), shape, axes).astype(np.float64, order="C")
+    array = _own(_of_shape(name, _numbers(name, values), shape, axes), np.float64)
     if finite and not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise DataError(f"{name} is {array[where]} at index {where} of ({axes}), expected a finite number")
-    array.flags.writeable = False
     return array
 
 
 def read_only_integers(
     name: str, values: object, shape: Sequence[int], axes: str, *, least: int, below: int
 ) -> IntArray:
-    """Copy `values` to a read-only array of whole numbers.
+    """Turn `values` into a read-only array of whole numbers; those of fewer bytes stay as they are.
 
     Parameters
     ----------
@@ -94,17 +94,18 @@ def read_only_integers(
     DataError
         Not whole, wrong shape, less than `least` or not less than `below`.
     """
-    array = read_only(name, values, shape, axes)
-    wrong = np.argwhere((array != np.round(array)) | (array < least) | (array >= below))
+    array = _of_shape(name, _numbers(name, values), shape, axes)
+    is_whole = array.dtype.kind == "i"
+    if not is_whole:
+        array = read_only(name, array, shape, axes)
+    wrong = np.argwhere((array < least) | (array >= below) | (not is_whole and array != np.round(array)))
     if len(wrong):
         where = tuple(int(i) for i in wrong[0])
         raise DataError(
             f"{name} is {array[where]:g} at index {where} of ({axes}), expected whole numbers from {least} "
             f"to {below - 1}"
         )
-    whole = array.astype(np.int64)
-    whole.flags.writeable = False
-    return whole
+    return _own(array, array.dtype if is_whole else np.dtype(np.int64))
 
 
 def read_only_flags(name: str, values: object, shape: Sequence[int], axes: str) -> BoolArray:
@@ -127,9 +128,15 @@ def read_only_flags(name: str, values: object, shape: Sequence[int], axes: str) 
     array = _of_shape(name, _numbers(name, values), shape, axes)
     if not ((array == 0) | (array == 1)).all():
         raise DataError(f"{name} has entries that are neither true nor false, expected only these")
-    flags = array.astype(np.bool_)
-    flags.flags.writeable = False
-    return flags
+    return _own(array, np.bool_)
+
+
+def _own(array: np.ndarray, dtype: npt.DTypeLike) -> np.ndarray:
+    """Copy an array to a read-only one, unless it is one that nobody else can write to."""
+    is_own = array.flags.owndata and array.flags.c_contiguous and not array.flags.writeable
+    own = array if is_own and array.dtype == dtype else array.astype(dtype, order="C")
+    own.flags.writeable = False
+    return own
 
 
 def _numbers(name: str, values: object) -> np.ndarray:

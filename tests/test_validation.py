@@ -92,3 +92,22 @@ def test_only_true_and_false_are_flags():
     for values in ([0.5, 1], [np.nan, 0], ["yes", "no"]):
         with pytest.raises(DataError, match=r"^x "):
             read_only_flags("x", values, (2,), "n")
+
+
+def test_what_nobody_can_write_to_is_taken_as_it_is_and_all_else_is_copied():
+    """Motions of hundreds of megabytes are in memory once."""
+    mine = np.arange(6.0)
+    first = read_only("x", mine, (-1,), "n")
+    mine[0] = 7.0
+    assert first[0] == 0.0
+    assert read_only("x", first, (-1,), "n") is first
+    part = read_only("x", first[1:3], (-1,), "n")  # a view would keep all of it alive
+    assert part.flags.owndata
+    assert read_only("x", np.asfortranarray(np.ones((2, 3))), (2, 3), "n, m").flags.c_contiguous
+    few = read_only_integers("i", np.array([3, 1], dtype=np.int16), (-1,), "n", least=0, below=4)
+    assert few.dtype == np.int16
+    assert read_only_integers("i", few, (-1,), "n", least=0, below=4) is few
+    with pytest.raises(DataError, match="i is 3 at index"):
+        read_only_integers("i", few, (-1,), "n", least=0, below=3)
+    flags = read_only_flags("f", [1, 0], (-1,), "n")
+    assert read_only_flags("f", flags, (-1,), "n") is flags

@@ -8,7 +8,6 @@ classes, so new fields need no change.
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import os
 import typing
@@ -22,7 +21,7 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import FileFormatError, ScsoError
-from scso_nlp.files import read_bytes, write_whole
+from scso_nlp.files import refused, require_file, write_whole
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.trajectory import MotionTrajectory
@@ -194,21 +193,31 @@ def _data_class(hint: Any) -> Any:
     return next((option for option in options if dataclasses.is_dataclass(option)), None)
 
 
+def _owner(loaded: Any) -> Any:
+    """Make what NumPy reads, a view of its own buffer, an array that owns its numbers, read-only."""
+    if isinstance(loaded, np.ndarray):
+        loaded = loaded.copy()
+        loaded.flags.writeable = False
+    return loaded
+
+
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    content = read_bytes(path)
+    require_file(path)
     foreign = FileFormatError(f"{path} is not a motion bundle of this package")
-    if not zipfile.is_zipfile(io.BytesIO(content)):
-        raise foreign
-    # what zip files and NumPy's arrays say when they are damaged is of many kinds
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            if archive.testzip() is not None:
-                raise zipfile.BadZipFile
-        loaded = np.load(io.BytesIO(content), allow_pickle=False)
-        arrays = {name: loaded[name] for name in loaded.files}
-        header = json.loads(arrays.pop(HEADER).tobytes()) if HEADER in arrays else None
-    except (Exception, MemoryError):
-        raise FileFormatError(f"{path} is damaged: it cannot be read as a motion bundle") from None
+    with refused(path, "cannot be read"), open(path, "rb") as file:
+        if not zipfile.is_zipfile(file):
+            raise foreign
+        # what zip files and NumPy's arrays say when they are damaged is of many kinds
+        try:
+            with zipfile.ZipFile(file) as archive:
+                if archive.testzip() is not None:
+                    raise zipfile.BadZipFile
+            file.seek(0)
+            loaded = np.load(file, allow_pickle=False)
+            arrays = {name: _owner(loaded[name]) for name in loaded.files}
+            header = json.loads(arrays.pop(HEADER).tobytes()) if HEADER in arrays else None
+        except (Exception, MemoryError):
+            raise FileFormatError(f"{path} is damaged: it cannot be read as a motion bundle") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise foreign
     version = header.get("format_version")

@@ -11,7 +11,7 @@ from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.opensim.plausible import notes_on_units
 from scso_nlp.opensim.setup_xml import MotionInput
-from scso_nlp.opensim.worker.exchange import Result, joined
+from scso_nlp.opensim.worker.exchange import Result
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory, Skeleton
 
 logger = logging.getLogger("scso_nlp")
@@ -22,34 +22,32 @@ CONTRADICTION = 0.05
 NAMED_MUSCLES = 8
 
 
-def assemble(motion: MotionInput, results: list[Result]) -> Motion:
+def assemble(motion: MotionInput, result: Result) -> Motion:
     """Turn what the workers found into frozen data, and log what they noted.
 
     Parameters
     ----------
     motion : MotionInput
-    results : list of Result
-        In the order of the frames; their arrays are taken out of them.
+    result : Result
 
     Returns
     -------
     Motion
     """
-    header = results[0].header
+    header = result.headers[0]
     for level, note in header["log"]["notes"]:
         logger.log(logging.getLevelNamesMapping()[level], "%s", note)
-    for part, result in enumerate(results):
-        own = result.header["log"]
+    for part, own in enumerate(entry["log"] for entry in result.headers):
         logger.debug(
             "worker %d: startup %.2f s, %d frames in %.2f s, peak memory %.0f MB",
             part,
             own["startup_seconds"],
-            len(result.arrays["trajectory.time"]),
+            own["frames"],
             own["frame_seconds"],
             own["peak_memory"] / 1e6,
         )
     fields: dict[str, dict[str, Any]] = {"curvature": {}, **header}
-    for name, array in joined([result.arrays for result in results]).items():
+    for name, array in result.arrays.items():
         group, field = name.split(".")
         fields[group][field] = array
     _report_contradictions(motion, fields["log"])

@@ -68,7 +68,7 @@ def number_of_workers(n_frames: int, processes: int | None) -> int:
 
 def extract(
     job: Job, n_workers: int, progress: bool | None, external_loads: tuple[str, Storage] | None
-) -> list[Result]:
+) -> Result:
     """Let workers do a job.
 
     Parameters
@@ -82,8 +82,7 @@ def extract(
 
     Returns
     -------
-    list of Result
-        In the order of the frames.
+    Result
 
     Raises
     ------
@@ -170,7 +169,7 @@ class _Crew:
         self.shares = [0] * n_workers
         self.messages: queue.SimpleQueue[tuple[int, dict[str, Any] | None]] = queue.SimpleQueue()
 
-    def work(self, progress: bool) -> list[Result]:
+    def work(self, progress: bool) -> Result:
         """Run all workers to their end; whatever goes wrong, none is left behind."""
         crew: list[subprocess.Popen[str]] = []
         readers: list[threading.Thread] = []
@@ -191,8 +190,7 @@ class _Crew:
                     if stream is not None:
                         stream.close()
             self._pass_log_on()
-        results = [read_result(self.folder, part) for part in range(self.n_workers)]
-        return [result for result in results if result.arrays]
+        return read_result(self.folder, self.n_workers)
 
     def _listen(self, part: int, stream: IO[str] | None) -> None:
         assert stream is not None

@@ -1,19 +1,17 @@
 """Jobs and results survive the way to a worker and back."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from scso_nlp.opensim.worker.exchange import (
     Job,
-    Result,
     Table,
-    joined,
     read_job,
     read_result,
+    write_frames,
+    write_header,
     write_job,
-    write_result,
 )
 
 
@@ -54,30 +52,32 @@ def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
-    arrays = {"trajectory.time": np.array([0.1, 0.2]), "curvature.is_uncertain": np.array([[True], [False]])}
-    write_result(tmp_path, 1, Result(header={"actuators": {"max_control": [np.inf]}}, arrays=arrays))
-    found = read_result(tmp_path, 1)
-    assert json.dumps(found.header) == '{"actuators": {"max_control": [Infinity]}}'
-    assert list(found.arrays) == list(arrays)
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(found.arrays[name], array)
-        assert found.arrays[name].dtype == array.dtype
-
-
-def test_frames_with_fewer_path_points_are_filled_up() -> None:
-    def part(n_frames: int, n_points: int) -> dict[str, np.ndarray]:
-        shape = (n_frames, 2, n_points)
+def test_the_frames_of_all_workers_are_read_in_their_order(tmp_path: Path) -> None:
+    def frame(time: float, n_points: int) -> dict[str, np.ndarray]:
         return {
-            "skeleton.path_points": np.ones((*shape, 3)),
-            "skeleton.path_point_bodies": np.full(shape, 7),
-            "skeleton.path_point_moves": np.ones(shape, dtype=bool),
+            "trajectory.time": np.array([time]),
+            "curvature.is_uncertain": np.array([[time > 0.25]]),
+            "skeleton.path_points": np.ones((1, 2, n_points, 3)),
+            "skeleton.path_point_bodies": np.full((1, 2, n_points), 7, dtype=np.int16),
+            "skeleton.path_point_moves": np.ones((1, 2, n_points), dtype=bool),
         }
 
-    found = joined([part(1, 2), part(3, 4)])
-    bodies = found["skeleton.path_point_bodies"]
+    write_frames(tmp_path, 0, 0, [frame(0.1, 2), frame(0.2, 4)])
+    write_frames(tmp_path, 0, 1, [frame(0.3, 4)])
+    write_header(tmp_path, 0, {"actuators": {"max_control": [np.inf]}})
+    write_header(tmp_path, 1, {"actuators": {}})  # a worker without frames
+    for block in range(11):  # not in the order of their names
+        write_frames(tmp_path, 2, block, [frame(0.4 + block, 3)])
+    write_header(tmp_path, 2, {"actuators": {"max_control": [2.0]}})
+    found = read_result(tmp_path, 3)
+    assert found.headers == [{"actuators": {"max_control": [limit]}} for limit in (np.inf, 2.0)]
+    times = [0.1, 0.2, 0.3, *(0.4 + block for block in range(11))]
+    assert found.arrays["trajectory.time"].tolist() == times
+    assert found.arrays["curvature.is_uncertain"].tolist() == [[time > 0.25] for time in times]
+    bodies = found.arrays["skeleton.path_point_bodies"]
+    assert bodies.dtype == np.int16
     assert bodies[0].tolist() == [[7, 7, -1, -1]] * 2
-    assert (bodies[1:] == 7).all()
-    assert bodies.dtype == np.int64
-    np.testing.assert_array_equal(found["skeleton.path_points"], (bodies >= 0)[..., None] * np.ones(3))
-    np.testing.assert_array_equal(found["skeleton.path_point_moves"], bodies >= 0)
+    assert (bodies[1:3] == 7).all()
+    assert bodies[-1].tolist() == [[7, 7, 7, -1]] * 2
+    assert found.arrays["skeleton.path_points"].shape == (14, 2, 4, 3)
+    assert not any(array.flags.writeable for array in found.arrays.values())

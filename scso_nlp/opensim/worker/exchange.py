@@ -5,6 +5,7 @@ The one module of the worker that both sides import; it needs NumPy only.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,13 +54,14 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What one worker found.
+    """What all workers found, frames in their order.
 
-    Names and constants stand in `header` by the data class and field they become, `arrays` likewise but in
-    one word, ``"skeleton.joint_axes"``, frames first. There are none where frames were fewer than workers.
+    Names and constants stand in each worker's header by the data class and field they become, `arrays`
+    likewise but in one word, ``"skeleton.joint_axes"``, frames first, read-only. Workers without frames have
+    no header.
     """
 
-    header: dict[str, dict[str, Any]]
+    headers: list[dict[str, dict[str, Any]]]
     arrays: dict[str, NDArray[Any]]
 
 
@@ -106,32 +108,39 @@ def read_job(folder: Path) -> Job:
     )
 
 
-def write_result(folder: Path, part: int, result: Result) -> None:
-    """Write one worker's arrays beside the job."""
-    (folder / f"header_{part}.json").write_text(json.dumps(result.header), encoding="utf-8")
-    np.savez(folder / f"frames_{part}.npz", allow_pickle=False, **result.arrays)
+def write_frames(folder: Path, part: int, block: int, frames: Sequence[dict[str, NDArray[Any]]]) -> None:
+    """Write some consecutive frames of one worker beside the job; blocks are numbered from 0."""
+    arrays = {name: _joined(name, [frame[name] for frame in frames]) for name in frames[0]}
+    np.savez(folder / f"frames_{part}_{block}.npz", allow_pickle=False, **arrays)
 
 
-def read_result(folder: Path, part: int) -> Result:
-    """Read what :func:`write_result` wrote."""
-    header = json.loads((folder / f"header_{part}.json").read_text(encoding="utf-8"))
-    return Result(header=header, arrays=_load(folder / f"frames_{part}.npz"))
+def write_header(folder: Path, part: int, header: dict[str, dict[str, Any]]) -> None:
+    """Write the names and constants that one worker found, after its frames."""
+    (folder / f"header_{part}.json").write_text(json.dumps(header), encoding="utf-8")
 
 
-def joined(parts: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Put the frames of all parts behind each other, path points filled up to the longest path.
+def read_result(folder: Path, parts: int) -> Result:
+    """Read what all workers wrote, one array after the other: none is in memory twice but the last."""
+    headers = []
+    with contextlib.ExitStack() as stack:
+        blocks = []
+        for part in range(parts):
+            own = len(list(folder.glob(f"frames_{part}_*.npz")))
+            paths = [folder / f"frames_{part}_{block}.npz" for block in range(own)]
+            blocks += [stack.enter_context(np.load(path, allow_pickle=False)) for path in paths]
+            if own:
+                header = (folder / f"header_{part}.json").read_text(encoding="utf-8")
+                headers.append(json.loads(header))
+        arrays = {name: _joined(name, [block[name] for block in blocks]) for name in blocks[0].files}
+    for array in arrays.values():
+        array.flags.writeable = False
+    return Result(headers=headers, arrays=arrays)
 
-    The arrays are taken out of the parts one by one, so that none is in memory more often than needed.
-    """
-    return {
-        name: np.concatenate(_same_length(name, [part.pop(name) for part in parts]))
-        for name in list(parts[0])
-    }
 
-
-def _same_length(name: str, arrays: list[NDArray[Any]]) -> list[NDArray[Any]]:
+def _joined(name: str, arrays: list[NDArray[Any]]) -> NDArray[Any]:
+    """Put frames behind each other, path points filled up to the longest path."""
     if name not in POINT_ARRAYS:
-        return arrays
+        return np.concatenate(arrays)
     n_points = max(array.shape[2] for array in arrays)
     filled = []
     for array in arrays:
@@ -141,7 +150,7 @@ def _same_length(name: str, arrays: list[NDArray[Any]]) -> list[NDArray[Any]]:
             longer[:, :, : array.shape[2]] = array
             array = longer
         filled.append(array)
-    return filled
+    return np.concatenate(filled)
 
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:

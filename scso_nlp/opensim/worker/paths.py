@@ -101,7 +101,7 @@ class CurrentPaths:
         every = self._fixed | {m: self._current(geometry, state) for m, geometry in self._geometries.items()}
         n_points = max((len(points.bodies) for points in every.values()), default=0)
         places = np.zeros((self._n_muscles, n_points, 3))
-        owners = np.full((self._n_muscles, n_points), -1, dtype=np.int64)
+        owners = np.full((self._n_muscles, n_points), -1, dtype=np.int16)
         moves = np.zeros((self._n_muscles, n_points), dtype=bool)
         for m, points in every.items():
             n = len(points.bodies)

@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.opensim.worker.exchange import Job, Result, joined, log_file, read_job, write_result
+from scso_nlp.opensim.worker.exchange import Job, log_file, read_job, write_frames, write_header
 
 #: So much of what OpenSim says when it refuses something is passed on.
 MOST_CHARACTERS = 200
 #: Seconds between two progress messages.
 PROGRESS_INTERVAL = 0.1
+#: Frames that a worker holds before it writes them.
+BLOCK = 128
 #: Exit code of a worker whose parent was killed; nobody reads it.
 PARENT_GONE = 4
 
@@ -34,7 +36,7 @@ def main(arguments: list[str]) -> int:
     _end_with_parent(folder)
     try:
         job = read_job(folder)
-        write_result(folder, part, work(job, part, parts, parent))
+        work(job, folder, part, parts, parent)
         tell(parent, done=True)
     except ScsoError as error:
         tell(parent, error=type(error).__name__, message=_with_file(str(error), job))
@@ -52,8 +54,8 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def work(job: Job, part: int, parts: int, parent: TextIO) -> Result:
-    """Compute every array of one share of the frames and tell the parent how far it is."""
+def work(job: Job, folder: Path, part: int, parts: int, parent: TextIO) -> None:
+    """Compute and write every array of one share of the frames and tell the parent how far it is."""
     started = time.perf_counter()
     # OpenSim prints when it is imported: only now does that go to the log
     from scso_nlp.opensim.worker.extraction import Extraction
@@ -65,17 +67,20 @@ def work(job: Job, part: int, parts: int, parent: TextIO) -> Result:
     frames: list[dict[str, NDArray[Any]]] = []
     for count, row in enumerate(rows, start=1):
         frames.append(extraction.frame(int(row)))
+        if len(frames) == BLOCK or count == len(rows):
+            write_frames(folder, part, (count - 1) // BLOCK, frames)
+            frames = []
         if time.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
             told = time.perf_counter()
             tell(parent, frames=count)
-    arrays = joined(frames) if frames else {}
     header = extraction.header()
     header["log"] |= {
+        "frames": len(rows),
         "startup_seconds": ready - started,
         "frame_seconds": time.perf_counter() - ready,
         "peak_memory": _peak_memory(),
     }
-    return Result(header=header, arrays=arrays)
+    write_header(folder, part, header)
 
 
 def tell(parent: TextIO, **message: object) -> None:
