@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from scso_nlp.solution import InfeasibilityProof, Shortfall
 from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.piece import frame_blocks
 from scso_nlp.transcription.rows import AffineRows, RowBlock, RowTable
 from scso_nlp.validation import FloatArray, IntArray
 
@@ -178,13 +179,12 @@ def row_sizes(affine: AffineRows, table: RowTable, lower: FloatArray, upper: Flo
     -------
     ndarray, shape (n_frames or n_pairs, n_affine_rows)
     """
-    n, place = len(affine.values), affine.place
     largest = np.maximum(*(np.where(np.isfinite(bound), np.abs(bound), 0.0) for bound in (lower, upper)))
     if affine.is_pair:
         largest = np.hstack([largest[:-1], largest[1:]])
-    own = np.zeros((n, affine.rows.size))
-    part = np.abs(affine.values) * largest[:, affine.column]
-    np.add.at(own, (np.arange(n)[:, None], place[affine.row][None]), part)
+    own = np.zeros(affine.constant.shape)
+    for part in frame_blocks(len(own)):
+        own[part] = affine.by_row(np.abs(affine.values[part]) * largest[part, affine.column])
     bounds = [np.abs(bound[affine.rows] - affine.constant) for bound in (table.lower, table.upper)]
     own += np.maximum(*(np.where(np.isfinite(bound), bound, 0.0) for bound in bounds))
     terms = table.term[affine.rows]

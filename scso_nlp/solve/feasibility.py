@@ -13,6 +13,7 @@ from scso_nlp.solution import InfeasibilityProof, MatrixResult, RowResult, Short
 from scso_nlp.solve.affine_system import affine_system, row_sizes
 from scso_nlp.stability.hessian import describe_turn
 from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.piece import frame_blocks
 from scso_nlp.validation import FloatArray, IntArray
 
 #: A row or bound may be missed by this much of its scale before a frame counts as infeasible [-].
@@ -98,15 +99,16 @@ def out_of_reach(program: FrameProgram) -> dict[int, Impossible]:
         By frame; the proof is that of the row which is missed by most of its size.
     """
     affine, (lower, upper) = program.split.affine, program.bounds()
-    n = len(affine.values)
-    used = affine.values != 0  # a zero entry has no part in its row, even where the bound is infinite
-    at_low, at_high = (
-        np.multiply(affine.values, bound[:, affine.column], where=used, out=np.zeros_like(affine.values))
-        for bound in (lower, upper)
-    )
-    sums = [np.zeros((n, affine.rows.size)), np.zeros((n, affine.rows.size))]
-    for part, total in zip((np.minimum(at_low, at_high), np.maximum(at_low, at_high)), sums, strict=True):
-        np.add.at(total, (np.arange(n)[:, None], affine.place[affine.row][None, :]), part)
+    sums = [np.zeros(affine.constant.shape), np.zeros(affine.constant.shape)]
+    for part in frame_blocks(len(lower)):
+        values = affine.values[part]
+        # a zero entry has no part in its row, even where the bound is infinite
+        at_low, at_high = (
+            np.multiply(values, bound[part, affine.column], where=values != 0, out=np.zeros_like(values))
+            for bound in (lower, upper)
+        )
+        sums[0][part] = affine.by_row(np.minimum(at_low, at_high))
+        sums[1][part] = affine.by_row(np.maximum(at_low, at_high))
     least, most = (bound[affine.rows] - affine.constant for bound in (program.rows.lower, program.rows.upper))
     below, above = least - sums[1], sums[0] - most
     short = np.maximum(below, above)

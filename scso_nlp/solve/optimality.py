@@ -9,7 +9,7 @@ import numpy as np
 
 from scso_nlp.solution import Optimality
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import evaluate
+from scso_nlp.transcription.piece import evaluate, frame_blocks
 from scso_nlp.transcription.rows import RowTable
 from scso_nlp.validation import BoolArray, FloatArray
 
@@ -120,14 +120,18 @@ def _reaction(
     value = np.zeros(lam.shape)
     own = np.ones(lam.shape)
     affine = program.split.affine_pairs if is_pair else program.split.affine
-    matrix = affine.matrix(affine.values, size)
-    value[:, affine.rows] = (matrix @ unknowns.ravel()).reshape(affine.constant.shape) + affine.constant
-    entries = (abs(matrix) @ np.abs(unknowns).ravel()).reshape(affine.constant.shape)
-    own[:, affine.rows] = entries + np.abs(affine.constant)
+    weights = np.where(affine.is_empty, 0.0, lam[:, affine.rows])
+    push = np.zeros((n_frames, size))
+    for block in frame_blocks(len(lam)):
+        matrix, constant = affine.matrix(affine.values[block], size), affine.constant[block]
+        seen = slice(block.start, block.stop + is_pair)
+        x = unknowns[seen].ravel()
+        value[block, affine.rows] = (matrix @ x).reshape(constant.shape) + constant
+        entries = (abs(matrix) @ np.abs(x)).reshape(constant.shape)
+        own[block, affine.rows] = entries + np.abs(constant)
+        push[seen] += (matrix.T @ weights[block].ravel()).reshape(-1, size)
     for _, where in table:
         own[:, where] = own[:, where].max(axis=1, initial=_TINY)[:, None]
-    weights = np.where(affine.is_empty, 0.0, lam[:, affine.rows])
-    push = (matrix.T @ weights.ravel()).reshape(n_frames, size)
     for piece, rows in program.split.nonlinear:
         if piece.is_pair != is_pair:
             continue

@@ -10,7 +10,8 @@ from scipy.linalg import qr
 
 from scso_nlp.solve.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.validation import BoolArray
+from scso_nlp.transcription.piece import frame_blocks
+from scso_nlp.validation import BoolArray, FloatArray
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -37,21 +38,10 @@ def without_redundant_rows(program: FrameProgram) -> FrameProgram:
     if not equations.size:
         return program
     lower, upper = program.bounds()
-    matrix = affine.dense(program.layout.size)[:, equations] * (lower < upper)[:, None, :]
-    length = np.linalg.norm(matrix, axis=2, keepdims=True)
-    matrix = np.divide(matrix, length, where=length > 0, out=np.zeros_like(matrix))
-    used = length[:, :, 0] > 0
-    with one_thread():
-        gram = matrix @ matrix.transpose(0, 2, 1) + np.eye(equations.size) * ~used[:, None, :]
-        smallest = np.linalg.eigvalsh(gram)[:, 0]
     freed: BoolArray = np.zeros_like(affine.is_empty)
-    for k in np.flatnonzero(smallest < _SUSPICIOUS):
-        here = np.flatnonzero(used[k])
-        triangle, order = qr(matrix[k, here].T, mode="r", pivoting=True)
-        left = np.zeros(here.size)
-        diagonal = np.abs(np.diag(triangle))
-        left[: diagonal.size] = diagonal
-        freed[k, equations[here[order[left < REDUNDANT]]]] = True
+    for part in frame_blocks(len(freed)):
+        matrix = affine.frames(part).dense(program.layout.size)[:, equations]
+        freed[part, equations] = _redundant(matrix * (lower[part] < upper[part])[:, None, :])
     freed &= ~affine.is_empty
     if not freed.any():
         return program
@@ -64,3 +54,22 @@ def without_redundant_rows(program: FrameProgram) -> FrameProgram:
     )
     split = replace(program.split, affine=replace(affine, is_empty=affine.is_empty | freed))
     return replace(program, split=split)
+
+
+def _redundant(matrix: FloatArray) -> BoolArray:
+    """Tell which rows of matrices (n, n_rows, size) are sums of others, shape (n, n_rows)."""
+    length = np.linalg.norm(matrix, axis=2, keepdims=True)
+    matrix = np.divide(matrix, length, where=length > 0, out=np.zeros_like(matrix))
+    used = length[:, :, 0] > 0
+    with one_thread():
+        gram = matrix @ matrix.transpose(0, 2, 1) + np.eye(used.shape[1]) * ~used[:, None, :]
+        smallest = np.linalg.eigvalsh(gram)[:, 0]
+    found = np.zeros_like(used)
+    for k in np.flatnonzero(smallest < _SUSPICIOUS):
+        here = np.flatnonzero(used[k])
+        triangle, order = qr(matrix[k, here].T, mode="r", pivoting=True)
+        left = np.zeros(here.size)
+        diagonal = np.abs(np.diag(triangle))
+        left[: diagonal.size] = diagonal
+        found[k, here[order[left < REDUNDANT]]] = True
+    return found

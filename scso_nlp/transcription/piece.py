@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -106,6 +106,12 @@ def curved(expression: ca.SX, unknowns: ca.SX) -> list[bool]:
     return list(ca.which_depends(expression, unknowns, 2, True))
 
 
+def frame_blocks(n_frames: int) -> Iterator[slice]:
+    """Cut frames into blocks that fit the processor's cache."""
+    for start in range(0, n_frames, _FRAMES_AT_ONCE):
+        yield slice(start, min(start + _FRAMES_AT_ONCE, n_frames))
+
+
 @functools.lru_cache(maxsize=64)
 def _mapped(function: ca.Function, n_frames: int) -> ca.Function:
     """Make one function of many frames; making it takes longer than calling it once."""
@@ -128,10 +134,9 @@ def evaluate(
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
     inputs += [column_major(arrays[key][offset : offset + n]) for offset, key in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
-    for start in range(0, n, _FRAMES_AT_ONCE):
-        part = slice(start, min(start + _FRAMES_AT_ONCE, n))
+    for part in frame_blocks(n):
         # arrays are read and written where they are: a DM of moment arms takes ten times as long to make
-        buffer, call = _mapped(function, part.stop - start).buffer()
+        buffer, call = _mapped(function, part.stop - part.start).buffer()
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         for i, array in enumerate(given):
             buffer.set_arg(i, array.data)

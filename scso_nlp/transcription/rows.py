@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.frame import MatrixRows, Rows
 from scso_nlp.stability.hessian import describe_turn
-from scso_nlp.transcription.piece import Key, Piece, curved, first_order
+from scso_nlp.transcription.piece import Derivatives, Key, Piece, curved, first_order, frame_blocks
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 
@@ -233,7 +233,11 @@ class AffineRows:
         place[self.rows] = np.arange(self.rows.size)
         return place
 
-    def frames(self, which: IntArray) -> AffineRows:
+    def by_row(self, entries: FloatArray) -> FloatArray:
+        """Add up the entries (n, n_entries) of every row, shape (n, n_rows)."""
+        return _added(entries, self.place[self.row], self.rows.size)
+
+    def frames(self, which: IntArray | slice) -> AffineRows:
         """Keep some frames."""
         return replace(
             self, values=self.values[which], constant=self.constant[which], is_empty=self.is_empty[which]
@@ -311,12 +315,10 @@ def split_table(
         straight = np.flatnonzero(~is_curved)
         if straight.size:
             derivatives = first_order(replace(scaled, expression=scaled.expression[straight.tolist()]))
-            constant, values = derivatives.at(np.zeros((time.size, size)), arrays)
-            _refuse_not_finite(block, straight, values, constant, time)
-            keep = np.abs(values).max(axis=0, initial=0.0) > 0
+            constant, values, keep = _non_zero(block, straight, derivatives, size, arrays, time)
             row_parts.append(here[straight][derivatives.row[keep]])
             column_parts.append(derivatives.column[keep])
-            value_parts.append(values[:, keep])
+            value_parts.append(values)
             constant_parts.append(constant)
             numbers.append(here[straight])
         if is_curved.any():
@@ -326,8 +328,8 @@ def split_table(
     row, rows = np.concatenate([nothing, *row_parts]), np.concatenate([nothing, *numbers])
     values = np.concatenate([np.zeros((n, 0)), *value_parts], axis=1)
     is_empty = np.ones((n, len(table)), dtype=bool)
-    for entry, r in enumerate(row):
-        is_empty[:, r] &= values[:, entry] == 0
+    for part in frame_blocks(n):
+        is_empty[part] = _added(values[part] != 0, row, len(table)) == 0
     affine = AffineRows(
         row=row,
         column=np.concatenate([nothing, *column_parts]),
@@ -340,8 +342,43 @@ def split_table(
     return affine, nonlinear
 
 
+def _added(entries: np.ndarray, row: IntArray, n_rows: int) -> FloatArray:
+    """Add up entries (n, n_entries) by their rows, shape (n, n_rows)."""
+    chosen = sp.csr_array((np.ones(row.size), (row, np.arange(row.size))), shape=(n_rows, row.size))
+    return np.asarray((chosen @ entries.T).T)
+
+
+def _non_zero(
+    block: RowBlock,
+    rows: IntArray,
+    derivatives: Derivatives,
+    size: int,
+    arrays: Mapping[Key, FloatArray],
+    time: FloatArray,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Give constants, the entries that are not zero in all frames, and which these are.
+
+    Most are zero: a muscle crosses few coordinates. So they are never all in memory.
+    """
+    is_pair = block.is_pair
+    n, n_entries = max(time.size - is_pair, 0), derivatives.row.size
+    constant, found, keep = np.zeros((n, rows.size)), [], np.zeros(n_entries, dtype=bool)
+    for part in frame_blocks(n):
+        seen = slice(part.start, part.stop + is_pair)
+        own = {key: array[seen] for key, array in arrays.items()}
+        constant[part], entries = derivatives.at(np.zeros((len(time[seen]), size)), own)
+        _refuse_not_finite(block, rows, entries, constant[part], time, part.start)
+        used = (entries != 0).any(axis=0)
+        keep |= used
+        found.append((part, used, entries[:, used]))
+    values = np.zeros((n, int(keep.sum())))
+    for part, used, entries in found:
+        values[part, used[keep]] = entries
+    return constant, values, keep
+
+
 def _refuse_not_finite(
-    block: RowBlock, rows: IntArray, values: FloatArray, constant: FloatArray, time: FloatArray
+    block: RowBlock, rows: IntArray, values: FloatArray, constant: FloatArray, time: FloatArray, first: int
 ) -> None:
     broken = ~(np.isfinite(values).all(axis=1) & np.isfinite(constant).all(axis=1))
     if broken.any():
@@ -349,6 +386,6 @@ def _refuse_not_finite(
         names = [block.names[r] for r in rows]
         wrong = [name for name, good in zip(names, np.isfinite(constant[k]), strict=True) if not good]
         raise DataError(
-            f"the rows {block.term}[{', '.join(wrong or names)}] are not finite at frame {k} "
-            f"(t = {time[k]:g} s); check the term's data"
+            f"the rows {block.term}[{', '.join(wrong or names)}] are not finite at frame {first + k} "
+            f"(t = {time[first + k]:g} s); check the term's data"
         )
