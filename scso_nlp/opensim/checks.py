@@ -215,8 +215,8 @@ def _check_steps(motion: MotionInput, table: Storage) -> None:
             f"{motion.motion} has {table.n_frames} frames, expected at least {MIN_FRAMES} for the quintic "
             "spline that gives speeds and accelerations"
         )
-    cutoff = motion.lowpass_cutoff_frequency
-    if motion.states is not None or cutoff is None or cutoff < 0:
+    cutoff = motion.filter_frequency
+    if cutoff is None:
         return
     length = float(table.time[-1] - table.time[0])
     if cutoff * length < LEAST_PERIODS:

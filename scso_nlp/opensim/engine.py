@@ -16,6 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, EngineError
 from scso_nlp.files import absolute, hashes, make_folder, refuse_changed, require_file
@@ -167,6 +169,7 @@ def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:
         inputs={path: digest for path, digest in inputs.items() if path not in read_here},
         settings=_settings(checked),
         motion=motion,
+        recorded=None if source.filter_frequency is None else np.c_[checked.table.time, checked.table.values],
         rows=rows,
         unusable=checked.unusable,
         speeds=None if checked.speeds is None else prepare_speeds(checked.speeds, motion, rows),

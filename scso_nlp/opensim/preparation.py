@@ -54,9 +54,8 @@ def prepare_motion(motion: MotionInput, table: Storage) -> tuple[Table, IntArray
         at or before the last one, no interpolation.
     """
     time, values = table.time, table.values
-    cutoff = motion.lowpass_cutoff_frequency
-    if motion.states is None and cutoff is not None and cutoff >= 0:
-        time, values = _filtered(time, values, cutoff)
+    if motion.filter_frequency is not None:
+        time, values = _filtered(time, values, motion.filter_frequency)
     ends = (
         table.time[0] if motion.initial_time is None else motion.initial_time,
         table.time[-1] if motion.final_time is None else motion.final_time,

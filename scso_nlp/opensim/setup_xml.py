@@ -193,6 +193,12 @@ class MotionInput:
         assert path is not None
         return path
 
+    @property
+    def filter_frequency(self) -> float | None:
+        """Cutoff frequency of the filter that AnalyzeTool runs [Hz]; it never filters states."""
+        cutoff = self.lowpass_cutoff_frequency
+        return None if self.states is not None or cutoff is None or cutoff < 0 else cutoff
+
     def files(self) -> tuple[Path, ...]:
         """Every input file but the data of the external loads, in a fixed order."""
         optional = (self.coordinates, self.states, self.speeds, self.external_loads)

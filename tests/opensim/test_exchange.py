@@ -23,13 +23,14 @@ def _table(n_columns: int) -> Table:
 
 
 def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
-    for speeds in (None, _table(2)):
+    for speeds, recorded in ((None, None), (_table(2), np.eye(4))):
         settings = {"model": "a.osim", "final_time": None, "external_loads": "x.xml"}
         unusable = {"/joint/é1/value": "nan at t = 0 s"}
         rows, inputs = np.array([1, 3]), {"a.osim": "ab" * 32}
         job = Job(
             settings=settings,
             motion=_table(3),
+            recorded=recorded,
             rows=rows,
             unusable=unusable,
             speeds=speeds,
@@ -43,6 +44,8 @@ def test_a_job_is_read_as_it_was_written(tmp_path: Path) -> None:
         assert found.unusable == job.unusable
         assert found.inputs == job.inputs
         np.testing.assert_array_equal(found.rows, rows)
+        assert (found.recorded is None) == (recorded is None)
+        np.testing.assert_array_equal(found.recorded, recorded)
         for one, other in ((job.motion, found.motion), (job.speeds, found.speeds)):
             if one is None or other is None:
                 assert one is other

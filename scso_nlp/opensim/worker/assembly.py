@@ -3,8 +3,9 @@
 AnalyzeTool assembles every row of a motion: coupled coordinates follow the others, clamped ones stay in their
 ranges. Where none leaves its range the answer is known without it: the columns as they are, with couplers
 evaluated. Where one does, OpenSim's optimizer mostly holds it at the bound, but not always: it begins at the
-row before, it may give up, and then what the columns say is kept if it satisfies the constraints. So the same
-calls are made in the same order, which gives the same numbers: to the last bit, or to rounding if filtered.
+row before, it may give up, and then what the columns say is kept if it satisfies the constraints. It enlarges
+rounding errors of its goals up to the error that it leaves open. So the same calls are made in the same order
+on the same numbers, the filter included, which gives the same numbers to the last bit.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import opensim as osim
 from scso_nlp.opensim.worker.coordinates import Coordinates
 from scso_nlp.opensim.worker.exchange import Job
 from scso_nlp.opensim.worker.model import Model
-from scso_nlp.opensim.worker.motion import Kinematics
+from scso_nlp.opensim.worker.motion import Kinematics, read_kinematics
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: Clamped coordinates this little beyond their range, and changes this small, do not count [rad] or [m].
@@ -37,7 +38,7 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
     is_outside = _leaves_range(model.coordinates, kinematics.values[rows])
     if not is_outside.any():
         return kinematics
-    values, state = kinematics.values.copy(), osim.State(model.state)
+    values, state = _goals(job, model, kinematics).copy(), osim.State(model.state)
     if job.settings["states"] is None:
         # AnalyzeTool completes the whole motion first, all at the time of the state it starts from
         for row in range(len(values)):
@@ -48,6 +49,22 @@ def assembled(job: Job, model: Model, kinematics: Kinematics) -> Kinematics:
         values[row] = _assemble(model, state, values[row])
     note = _note(job.settings, model, kinematics, is_outside, values)
     return replace(kinematics, values=values, is_assembled=True, notes=[*kinematics.notes, ("WARNING", note)])
+
+
+def _goals(job: Job, model: Model, kinematics: Kinematics) -> FloatArray:
+    """Return what OpenSim assembles, shape (n_rows, n_u), to the last bit: filtered by its own filter."""
+    if job.recorded is None:
+        return kinematics.values
+    table = osim.Storage()
+    for time, *row in job.recorded.tolist():
+        table.append(time, osim.Vector.createFromMat(np.array(row)))
+    table.pad(table.getSize() // 2)
+    table.lowpassIIR(job.settings["lowpass_cutoff_frequency"])
+    columns, column = np.empty_like(job.motion.values), osim.ArrayDouble()
+    for k in range(columns.shape[1]):
+        table.getDataColumn(k, column)
+        columns[:, k] = column.getAsVector().to_numpy()
+    return read_kinematics(replace(job, motion=replace(job.motion, values=columns)), model).values
 
 
 def _leaves_range(coordinates: Coordinates, values: FloatArray) -> BoolArray:

@@ -21,6 +21,8 @@ from scso_nlp.validation import FloatArray, IntArray
 JOB = "job.json"
 #: The data file of the external loads, beside their XML.
 LOAD_DATA = "external_loads.sto"
+#: Times and columns of a motion before its filter.
+RECORDED = "recorded.npy"
 #: Arrays of path points, as many per frame as its longest path has, and what they are filled up with.
 POINT_ARRAYS = {
     "skeleton.path_points": 0.0,
@@ -46,6 +48,7 @@ class Job:
 
     settings: Mapping[str, Any]  # the fields of MotionInput, paths as text
     motion: Table  # coordinates or states, filtered
+    recorded: FloatArray | None  # (n_recorded, 1 + n_columns), times and columns before the filter, if any
     rows: IntArray  # of the motion, to analyze
     unusable: Mapping[str, str]  # columns of the motion that are not finite everywhere, and where not
     speeds: Table | None  # at the times of the motion
@@ -89,6 +92,8 @@ def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
     for name, table in tables.items():
         arrays = {field: getattr(table, field) for field in ("time", "values", "first", "second")}
         np.savez(folder / f"{name}.npz", allow_pickle=False, **arrays)
+    if job.recorded is not None:
+        np.save(folder / RECORDED, job.recorded, allow_pickle=False)
 
 
 def read_job(folder: Path) -> Job:
@@ -98,9 +103,11 @@ def read_job(folder: Path) -> Job:
         name: Table(labels=tuple(labels), **_load(folder / f"{name}.npz"))
         for name, labels in content["labels"].items()
     }
+    recorded = folder / RECORDED
     return Job(
         settings=content["settings"],
         motion=tables["motion"],
+        recorded=np.load(recorded, allow_pickle=False) if recorded.is_file() else None,
         rows=np.array(content["rows"], dtype=np.int64),
         unusable=content["unusable"],
         speeds=tables.get("speeds"),
