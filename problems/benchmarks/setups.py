@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 #: One CoordinateActuator, without bounds.
@@ -28,7 +29,10 @@ SETUP = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def write_setups(data: Path, folder: Path) -> list[Path]:
-    """Write setups for the third-party data that have none, and for a knee that leaves its range.
+    """Write setups for the third-party data that have none, and two of our own.
+
+    A knee that leaves its range, and a public model without its muscles: outside the ForceSet, these make
+    OpenSim's static optimization read memory that it has not written.
 
     Parameters
     ----------
@@ -94,7 +98,20 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
                 cutoff=-1,
             )
         )
+    found.append(_without_muscles(data / "public" / "moco_2d_muscles_as_components", folder))
     return found
+
+
+def _without_muscles(public: Path, folder: Path) -> Path:
+    """Copy a setup with its files, the muscles taken out of its model."""
+    made = folder / "moco_2d_without_muscles"
+    shutil.copytree(public, made, dirs_exist_ok=True)
+    model = made / "2D_gait.osim"
+    muscle = r"<DeGrooteFregly2016Muscle name.*?</DeGrooteFregly2016Muscle>"
+    text = model.read_text(encoding="utf-8")
+    model.chmod(0o644)
+    model.write_text(re.sub(muscle, "", text, flags=re.DOTALL), encoding="utf-8")
+    return made / "setup.xml"
 
 
 def _write(folder: Path, *, loads: str, actuators: str, **settings: object) -> Path:
