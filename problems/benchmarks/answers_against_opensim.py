@@ -48,6 +48,10 @@ CRITERIA, ITERATIONS, FRAMES = (1e-6, 1e-7, 1e-8), 1000, 20
 #: An answer of these counts if its objective is at most this much above the optimum [-]: no activation and no
 #: control is then further from the optimum than its root, 0.001, whatever the problem.
 GAP = 1e-6
+#: An objective is known to this share of it, by rounding.
+ROUNDED = 1e-13
+#: Controls that are never larger are those of actuators that nobody needs: this is their peak [-].
+IDLE = 1e-8
 #: Steps this much smaller than the typical one are too small to filter: OpenSim resamples to the smallest.
 SMALL_STEP = 1e-3
 #: Rounding of an answer in closed form, over its largest entry [-].
@@ -58,7 +62,8 @@ SAME_TIME = 1e-6
 OPENSIM = Path(__file__).with_name("opensim_static_optimization.py")
 FAILURE = re.compile(r"could not find a solution at time = ([-+.\de]+)\.\n")
 FRAME = re.compile(r"^time = (\S+) Performance = \S+ Constraint violation = (\S+)$", re.MULTILINE)
-#: OpenSim's answer is none where its log says that accelerations miss the motion's by more [rad/s² or m/s²].
+#: OpenSim's answer is none where it says that accelerations miss the motion's by more [rad/s² or m/s²], or
+#: where they do in its equations as rebuilt, which know them to this share of the largest.
 VIOLATION = 1e-3
 
 
@@ -89,8 +94,8 @@ class Answer:
     """What OpenSim says about some frames."""
 
     storage: Storage  # activations and controls
-    violation: FloatArray  # (n_frames,), of its own equations by its own log [rad/s² or m/s²]
-    is_claimed: NDArray[np.bool_]  # (n_frames,), its log names no failure
+    violation: FloatArray  # (n_frames,), of its own equations, as it says [rad/s² or m/s²]
+    is_claimed: NDArray[np.bool_]  # (n_frames,), its log names no failure and no larger miss
 
 
 @dataclass(frozen=True)
@@ -267,8 +272,7 @@ def difference(one: FloatArray, other: FloatArray, motion: scso.Motion) -> Diffe
     if not apart.size:
         return Difference(np.nan, "", np.nan, "", np.nan)
     activation, control = apart.max(axis=0)[:n], apart.max(axis=0)[n:]
-    # the least number keeps actuators that nobody needs from 0 / 0
-    peak = np.abs(other).max(axis=0)[n:] + np.finfo(float).tiny
+    peak = np.maximum(np.abs(other).max(axis=0)[n:], IDLE)
     m, a = (int(np.argmax(sizes)) if sizes.size else None for sizes in (activation, control / peak))
     return Difference(
         activation=np.nan if m is None else activation[m],
@@ -279,18 +283,22 @@ def difference(one: FloatArray, other: FloatArray, motion: scso.Motion) -> Diffe
     )
 
 
-def gaps(problem: Mapping[str, FloatArray], x: FloatArray) -> FloatArray:
-    """Tell how far objectives are above the least for the same accelerations, shape (n_frames,).
+def distances(problem: Mapping[str, FloatArray], x: FloatArray) -> FloatArray:
+    """Tell how far above the optimum of OpenSim's own problem answers are for certain, shape (n_frames,).
 
-    Answers x (n_frames, n) that miss the equations may be below the optimum; so the right side is what they
-    keep. NaN where the optimum is not known.
+    Answers x (n_frames, n) that miss the equations may be below the optimum; so they are held against the
+    least for the accelerations that they do give. Infinite where these miss the motion's by too much, where
+    numbers are not finite, and where the optimum is not known.
     """
-    bounds, matrices = (problem["lower"], problem["upper"]), problem["matrices"]
-    finite = np.isfinite(x).all(axis=1)
-    least = np.full_like(x, np.nan)
-    kept = np.einsum("kcx,kx->kc", matrices[finite], x[finite])
-    least[finite] = optimum(*bounds, matrices[finite], kept)
-    return np.asarray(((x - least) * (x + least)).sum(axis=1))
+    found = np.full(len(x), np.inf)
+    given = np.einsum("kcx,kx->kc", problem["matrices"], x)
+    scale = np.maximum(np.abs(problem["accelerations"]).max(axis=1), 1.0)
+    missed = np.linalg.norm(given - problem["wanted"], axis=1)
+    kept = np.flatnonzero(missed <= VIOLATION * scale)
+    least = optimum(problem["lower"], problem["upper"], problem["matrices"][kept], given[kept])
+    gap = ((x[kept] - least) * (x[kept] + least)).sum(axis=1) - ROUNDED * (x[kept] ** 2).sum(axis=1)
+    found[kept] = np.where(np.isnan(gap), np.inf, gap)
+    return found
 
 
 def is_unfilterable(motion: MotionInput) -> bool:
@@ -347,13 +355,10 @@ def compare(setup: Path, frames: int = FRAMES) -> Comparison:
     # the further runs, by the problem that OpenSim states
     rows = np.abs(ours.time - further_time[:, None]).argmin(axis=1)
     columns = [further[0].storage.labels.index(label) for label in labels]
-    above = np.array(
-        [
-            np.where(answer.violation <= VIOLATION, gaps(problem, answer.storage.values), np.inf)
-            for answer in further
-        ]
-    )
-    above = np.where(np.isnan(above) | (not is_square), np.inf, above)
+    above = np.array([distances(problem, answer.storage.values) for answer in further])
+    above[np.array([answer.violation for answer in further]) > VIOLATION] = np.inf
+    if not is_square:
+        above[:] = np.inf
     nearest = above.argmin(axis=0)
     values = np.array([answer.storage.columns(labels) for answer in further])
     sharp = values[nearest, np.arange(len(rows))]

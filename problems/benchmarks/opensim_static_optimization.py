@@ -67,7 +67,7 @@ def prepared_states(question):
 
 
 def problem(question):
-    """Write matrix and right side of the equations, (n_times, n_free, n_actuators) and (n_times, n_free)."""
+    """Write matrices (n_times, n_free, n_actuators), right sides and the motion's accelerations, each row."""
     time, columns, splines = prepared_states(question)
     tool, analysis = load(question)
     model = tool.getModel()
@@ -85,7 +85,7 @@ def problem(question):
     free = [(c, path) for c, path in coordinates if not c.isConstrained(state)]
     where = list(columns)
     rows = [int(np.abs(time - t).argmin()) for t in question["times"]]
-    matrices, wanted = [], []
+    matrices, wanted, motion = [], [], []
     for row in range(min(rows), max(rows) + 1):
         # one after the other, as AnalyzeTool does: the assembly begins at the pose before
         state.setTime(float(time[row]))
@@ -113,12 +113,14 @@ def problem(question):
         effects = [accelerations(model, state, actuators, force, free) - without for force in np.diag(unit)]
         matrices.append(np.stack(effects, axis=1))
         aims = [splines.evaluate(where.index(path + "/speed"), 1, float(time[row])) for _, path in free]
+        motion.append(aims)
         wanted.append(np.array(aims) - without)
     np.savez(
         question["problem"],
         time=time[rows],
         matrices=np.array(matrices),
         wanted=np.array(wanted),
+        accelerations=np.array(motion),
         lower=[actuator.getMinControl() for actuator in actuators],
         upper=[actuator.getMaxControl() for actuator in actuators],
     )
