@@ -148,4 +148,6 @@ def accelerations(model, state, actuators, forces, free):
 
 if __name__ == "__main__":
     asked = json.loads(sys.argv[1])
+    # else the log is written beside the setup
+    opensim.Logger.addFileSink(os.path.join(asked["results"], "opensim.log"))
     problem(asked) if "problem" in asked else answer(asked)
