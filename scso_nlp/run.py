@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,7 +20,8 @@ from scso_nlp.opensim.engine import load_with_hashes
 from scso_nlp.opensim.model_names import model_names
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.folder import holds_nothing_of_others
-from scso_nlp.report.results import RunRecord, own_files, write_where_free
+from scso_nlp.report.record import RunRecord
+from scso_nlp.report.results import own_files, write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
 
@@ -218,13 +218,13 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         own = own_files(name, analysis)
         return output.overwrite or holds_nothing_of_others(folder, own, name, inputs, setup)
 
-    return write_where_free(
+    return write_solution(
         result.solution,
-        Path(os.path.abspath(output.folder_for(name))),
-        is_free,
+        output.folder_for(name),
         analysis_name=analysis,
         record=result.record,
         keep_failed=output.keep_failed,
         baseline=result.baseline,
         figures=output.figures,
+        is_free=is_free,
     )

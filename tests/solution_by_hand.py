@@ -7,6 +7,7 @@ from scso_nlp.constraints.stability_constraint import STABILITY_SCALE
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.report.results import write_solution
 from scso_nlp.solution import InfeasibilityProof, Shortfall, SolveReport, Status
 from scso_nlp.solve.feasibility import Impossible
 from scso_nlp.solve.judge import Outcome, judge
@@ -199,3 +200,8 @@ def solution_by_hand(
         versions={"scso_nlp": "0.1.0", "casadi": "3.8.2"},
     )
     return judge(outcome, report, is_graded=False)
+
+
+def write(solution, folder, **options):
+    """Write the result files of a solution, without figures unless they are asked for."""
+    return write_solution(solution, folder, **{"figures": False, **options})

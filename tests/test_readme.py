@@ -1,4 +1,7 @@
-"""The README keeps its word: its Python runs, its commands exist, its figure is there."""
+"""The README keeps its word: its Python runs, its commands exist, its figure is there.
+
+``python tests/test_readme.py`` writes its table of result files again, from their declarations.
+"""
 
 import re
 import shlex
@@ -8,8 +11,13 @@ from conftest import PROJECT_ROOT
 from typer.main import get_command
 
 from scso_nlp.cli import app
+from scso_nlp.report.contents import RESULT_FILES
+from scso_nlp.report.results import FIGURES
 
-README = (PROJECT_ROOT / "README.md").read_text(encoding="utf-8")
+PATH = PROJECT_ROOT / "README.md"
+README = PATH.read_text(encoding="utf-8")
+#: Rows of the table of result files between its head and the one of the report.
+ROWS = re.compile(r"(?<=\| file \| what \|\n\|---\|---\|\n).*?(?=\| `report\.json`)", flags=re.S)
 
 
 def blocks(language):
@@ -46,16 +54,25 @@ def test_every_command_and_option_exists():
         assert {option for option in word if option.startswith("--")} <= known
 
 
-def test_every_result_file_and_figure_is_named():
-    from scso_nlp.report.results import FIGURES, RESULT_FILES, STATUS_FILE
+def rows():
+    """The rows as they should be."""
+    names = [file.name.format(name="<name>", analysis="StaticOptimization") for file in RESULT_FILES]
+    return "".join(f"| `{name}` | {file.holds} |\n" for name, file in zip(names, RESULT_FILES, strict=True))
 
-    for pattern in RESULT_FILES | STATUS_FILE:
-        assert pattern.replace("{name}", "").replace("_{analysis}", "") in README
-    for figure in FIGURES:
-        assert f"_{figure}`" in README
+
+def test_every_result_file_is_in_the_table():
+    assert ROWS.findall(README) == [rows()], "run: python tests/test_readme.py"
+
+
+def test_every_figure_is_named():
+    assert [figure for figure in FIGURES if f"_{figure}`" not in README] == []
 
 
 def test_the_readme_is_short_and_its_links_lead_somewhere():
     assert len(README.splitlines()) < 200
     for target in re.findall(r"\]\(([^)]+)\)", README):
         assert (PROJECT_ROOT / target).is_file(), target
+
+
+if __name__ == "__main__":
+    PATH.write_text(ROWS.sub(lambda _: rows(), README), encoding="utf-8")

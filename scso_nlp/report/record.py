@@ -1,0 +1,141 @@
+"""What ``report.json`` says."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scso_nlp.solution import InfeasibilityProof, Solution, Status
+
+#: Version of the layout of ``report.json``.
+REPORT_VERSION = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What the report says beyond the solution itself.
+
+    Attributes
+    ----------
+    inputs : mapping of str to str
+        SHA-256 of every input file, by path.
+    settings : mapping of str to object
+        Settings of the run.
+    seconds : mapping of str to float [s]
+        Wall times beside those of the solver, e.g. of the extraction.
+    notes : tuple of str
+        What was assumed or approximated, one sentence each.
+    """
+
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, object] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) -> dict[str, Any]:
+    """Say in plain data, as JSON has them, what a solution is; hashes of its files are still missing.
+
+    Parameters
+    ----------
+    solution : Solution
+    record : RunRecord
+    baseline : Solution or None
+        The same motion without stability rows.
+
+    Returns
+    -------
+    dict of str to object
+    """
+    problem = solution.problem
+    trajectory = problem.motion.trajectory
+    balance = solution.moment_balance
+    statuses = solution.frame_status
+    counts = {status.name: statuses.count(status) for status in Status if status in statuses}
+    report = {
+        "program": "scso_nlp",
+        "report_version": REPORT_VERSION,
+        "written": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "name": trajectory.name,
+        "summary": solution.summary(),
+        "status": solution.status.name,
+        "problem": {
+            "frames": trajectory.n_frames,
+            "initial_time": trajectory.time[0],
+            "final_time": trajectory.time[-1],
+            "muscles": len(trajectory.muscles),
+            "muscle_names": list(trajectory.muscles),
+            "actuators": len(trajectory.actuators),
+            "coordinates": list(trajectory.coordinates),
+            "muscle_model": repr(problem.muscle_model),
+            "objectives": [repr(term) for term in problem.objectives],
+            "constraints": [repr(term) for term in problem.constraints],
+        },
+        "settings": dict(record.settings),
+        "inputs_sha256": dict(record.inputs),
+        "files_sha256": {},
+        "versions": dict(solution.report.versions),
+        "solver": {
+            "name": solution.report.solver,
+            "options": dict(solution.report.options),
+            "iterations": solution.report.iterations,
+        },
+        "seconds": {
+            **record.seconds,
+            "build": solution.report.build_seconds,
+            "solve": solution.report.solve_seconds,
+        },
+        "objective": {"total": solution.objective, "terms": dict(solution.objective_terms)},
+        "largest_violation": dict(solution.violation),
+        "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
+        "status_counts": counts,
+        "frame_status": [status.name for status in statuses],
+        "verdict": {
+            **asdict(solution.verdict),
+            "lines": solution.verdict.lines(baseline.verdict if baseline else None),
+        },
+        "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
+        "infeasibility": [_proof(proof) for proof in solution.infeasibility],
+        "notes": list(record.notes),
+    }
+    plain: dict[str, Any] = _plain(report)
+    return plain
+
+
+def _proof(proof: InfeasibilityProof) -> dict[str, object]:
+    """Which rows exclude each other, with what multipliers; their entries follow from the inputs."""
+    rows = zip(
+        proof.constraints, proof.rows, proof.frames, proof.multipliers, proof.units, proof.turns, strict=True
+    )
+    return {
+        "frame": proof.frame,
+        "time": proof.time,
+        "margin": proof.margin,
+        "text": str(proof),
+        "rows": [
+            {"constraint": name, "row": row, "frame": k, "multiplier": y, "unit": f"1/({unit})", "turn": turn}
+            for name, row, k, y, unit, turn in rows
+        ],
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Turn NumPy numbers, tuples and paths into what JSON has; NaN becomes null, infinity text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
