@@ -122,22 +122,7 @@ def require_file(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> N
 
 
 def read_bytes(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> bytes:
-    """Read an input file; see :func:`require_file` for what is refused.
-
-    Parameters
-    ----------
-    path : str or path-like
-    largest : int [bytes]
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
-    """
+    """Read an input file; arguments and what is refused are those of :func:`require_file`."""
     require_file(path, largest)
     with refused(path, "cannot be read"), open(path, "rb") as file:
         return file.read()
@@ -193,22 +178,12 @@ def write_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def read_text(path: str | os.PathLike[str], largest: int = LARGEST_FILE) -> str:
-    """Read a text file in UTF-8, with or without byte order mark.
-
-    Parameters
-    ----------
-    path : str or path-like
-    largest : int [bytes]
-
-    Returns
-    -------
-    str
-        Line ends as they are.
+    """Read a text file in UTF-8, with or without byte order mark; line ends stay as they are.
 
     Raises
     ------
     DataError
-        The file cannot be read.
+        As for :func:`require_file`.
     FileFormatError
         Not UTF-8.
     """

@@ -204,6 +204,16 @@ def random_problem(
     return with_stability(problem, level, q=q)
 
 
+def with_motion(problem, **parts):
+    """The problem about a motion with another trajectory, muscles or actuators."""
+    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, **parts))
+
+
+def with_trajectory(problem, **changes):
+    """The problem about a motion whose trajectory has other values."""
+    return with_motion(problem, trajectory=dataclasses.replace(problem.motion.trajectory, **changes))
+
+
 def with_stability(problem, level, q=5.0):
     """The problem with its stability rows at another level, or with rows if it has none."""
     rows = scso.JointStability(q=q, level=level, joints=("elbow",))

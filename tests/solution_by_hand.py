@@ -1,11 +1,12 @@
 """Solutions made without a solver, for tests of what comes after it."""
 
 import numpy as np
+from helpers import muscle_parameters
 
 from scso_nlp import ActivationEffort, JointStability, MomentEquilibrium, NoPhysiology
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE
 from scso_nlp.motion import Motion
-from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+from scso_nlp.muscles import ActuatorParameters
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.results import write_solution
 from scso_nlp.solution import InfeasibilityProof, Shortfall, SolveReport, Status
@@ -18,24 +19,6 @@ from scso_nlp.transcription.describe import describe
 ARM = 0.05
 STRENGTH = 1000.0
 OPTIMAL_FORCE = 10.0
-
-
-def muscle_parameters(names, strength=STRENGTH):
-    n = len(names)
-    one = np.ones(n)
-    return MuscleParameters(
-        muscles=names,
-        muscle_class=("Thelen2003Muscle",) * n,
-        max_isometric_force=strength * one,
-        optimal_fiber_length=0.1 * one,
-        tendon_slack_length=0.2 * one,
-        pennation_angle_at_optimal=0 * one,
-        max_contraction_velocity=10 * one,
-        min_activation=0 * one,
-        max_activation=one,
-        activation_time_constant=0.01 * one,
-        deactivation_time_constant=0.04 * one,
-    )
 
 
 def antagonists(n_frames=5, name="antagonists", n_pairs=1, sides=("front", "back")):
@@ -107,7 +90,7 @@ def antagonists(n_frames=5, name="antagonists", n_pairs=1, sides=("front", "back
         min_control=-unlimited,
         max_control=unlimited,
     )
-    return Motion(trajectory=trajectory, muscles=muscle_parameters(muscles), actuators=parameters)
+    return Motion(trajectory=trajectory, muscles=muscle_parameters(muscles, STRENGTH), actuators=parameters)
 
 
 def out_of_reach(frame, time, coordinate):

@@ -15,7 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from helpers import random_problem
+from helpers import random_problem, with_trajectory
 from muscle_models import opensim_tables
 
 import scso_nlp as scso
@@ -419,12 +419,7 @@ def _with_curvature(problem, rng):
         asymmetry=np.zeros((n_frames, n_muscles)),
         is_uncertain=np.zeros((n_frames, n_muscles), dtype=bool),
     )
-    return dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion, trajectory=dataclasses.replace(trajectory, curvature=given)
-        ),
-    )
+    return with_trajectory(problem, curvature=given)
 
 
 # Docstrings ---------------------------------------------------------------------------------------

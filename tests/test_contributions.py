@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
-from helpers import random_problem, two_antagonists
+from helpers import random_problem, two_antagonists, with_motion, with_trajectory
 from scipy.linalg import eigh
 
 import scso_nlp as scso
@@ -84,13 +84,7 @@ def test_frames_that_are_not_solved_have_no_shares(rng):
     problem = random_problem(rng, n_frames=3)
     moments = problem.motion.trajectory.generalized_forces.copy()
     moments[1] = 1e4
-    problem = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
-        ),
-    )
+    problem = with_trajectory(problem, generalized_forces=moments)
     solution = scso.solve_trajectory(problem, on_failure="return")
     shares = row_contributions(solution)
     assert np.isnan(shares.total).all(axis=1).tolist() == [False, True, False]
@@ -116,7 +110,7 @@ def test_the_equivalent_gain_of_short_range_stiffness_is_that_of_two_springs(rng
         tendon_slack_length=np.full(16, 0.1),
         muscle_class=("DeGrooteFregly2016Muscle",) * 16,
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    problem = with_motion(problem, muscles=muscles)
     plain = scso.solve_trajectory(problem.without_stability())
     asked = scso.observe(plain, CoordinateStability(stiffness=ShortRangeStiffness()))
     found = equivalent_q(asked, "CoordinateStability")

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import random_problem, with_stability
+from helpers import random_problem, with_motion, with_stability
 
 import scso_nlp as scso
 from scso_nlp.solution import Status
@@ -94,7 +94,7 @@ def test_coordinates_that_no_muscle_moves_have_residuals(rng):
         is_rotational=np.array([True, True, False]),
         generalized_forces=np.array([[80.0, 1.0, 5.0], [10.0, 1.0, -30.0], [0.0, 1.0, 0.0]]),
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     verdict = scso.solve_trajectory(problem).verdict
     names = trajectory.coordinates
     assert str(verdict.residual_moment) == f"80 N·m ({names[0]} at t = {trajectory.time[0]:.6g} s)"
@@ -118,7 +118,7 @@ def test_motors_are_told_from_residuals_by_the_joint(rng):
         generalized_forces=moments,
         base_coordinates=trajectory.coordinates[:1],
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     verdict = scso.solve_trajectory(problem).verdict
     names, start = trajectory.coordinates, f"at t = {trajectory.time[0]:.6g} s)"
     assert str(verdict.residual_moment) == f"80 N·m ({names[0]} {start}"
@@ -127,7 +127,7 @@ def test_motors_are_told_from_residuals_by_the_joint(rng):
     assert f"; residuals at most {verdict.residual_moment}; motors at most {verdict.motor_moment}" in line
     assert verdict.beyond_limits[-1] == "a residual moment above 75 N·m"
     driven = dataclasses.replace(trajectory, base_coordinates=())
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=driven))
+    problem = with_motion(problem, trajectory=driven)
     verdict = scso.solve_trajectory(problem).verdict
     assert (verdict.residual_moment, verdict.motor_moment.amount) == (None, pytest.approx(90))
     assert "residual" not in verdict.lines()[1]

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms, motion, muscle_parameters, solve_qp
+from helpers import evaluate_terms, motion, muscle_parameters, solve_qp, with_motion
 from muscle_models.mixed_muscles import MILLARD, mixed_problem
 
 import scso_nlp as scso
@@ -103,7 +103,7 @@ def test_the_optimum_is_that_of_one_dense_quadratic_program(rng, bounds):
     )
     time = np.array([0.0, 0.002, 0.01, 0.012])
     trajectory = dataclasses.replace(problem.motion.trajectory, time=time)
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     coupled = dataclasses.replace(
         problem, constraints=(*problem.constraints, scso.ActivationRate(bounds=bounds))
     )

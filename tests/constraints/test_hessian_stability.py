@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
+from helpers import with_trajectory
 
 import scso_nlp as scso
 from scso_nlp import HessianStability
@@ -91,12 +92,7 @@ def test_a_level_of_an_unknown_coordinate_is_refused(rng):
 
 def test_a_motion_without_curvature_is_refused(rng):
     problem = hessian_problem(rng)
-    bare = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, curvature=None)
-        ),
-    )
+    bare = with_trajectory(problem, curvature=None)
     with pytest.raises(scso.ProblemError, match="without path curvature"):
         scso.solve_trajectory(bare)
 

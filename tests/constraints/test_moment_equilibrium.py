@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import elbow, evaluate_terms, random_problem
+from helpers import elbow, evaluate_terms, random_problem, with_motion
 
 import scso_nlp as scso
 
@@ -20,7 +20,7 @@ def test_rows_are_produced_less_required_forces(rng, model, reserve):
     trajectory = dataclasses.replace(
         problem.motion.trajectory, actuator_generalized_forces=rng.normal(size=(3, 4, n_actuators))
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     activation, control = rng.uniform(0, 1, (3, 10)), rng.normal(size=(3, n_actuators))
     _, rows, force = evaluate_terms(problem, activation, control)
     expected = np.einsum("kcm,km->kc", trajectory.moment_arms, force)
@@ -32,9 +32,7 @@ def test_rows_are_produced_less_required_forces(rng, model, reserve):
 def test_rows_are_equations_named_by_coordinate_in_its_own_unit(rng):
     problem = random_problem(rng)
     trajectory = dataclasses.replace(problem.motion.trajectory, is_rotational=[True, False, True])
-    solution = scso.solve_framewise(
-        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
-    )
+    solution = scso.solve_framewise(with_motion(problem, trajectory=trajectory))
     rows = solution.rows["MomentEquilibrium"]
     assert rows.names == ("q1", "q2", "q3")
     assert rows.unit == ("N·m", "N", "N·m")

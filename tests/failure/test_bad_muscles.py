@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from helpers import with_motion
 from muscle_models.mixed_muscles import DE_GROOTE, MILLARD, RIGID, THELEN, mixed_problem, muscle_parameters
 
 import scso_nlp as scso
@@ -54,7 +55,7 @@ def test_a_class_that_is_not_modelled_is_refused_by_name_with_the_nearest(
     problem = problem_of(model, MILLARD, {})
     muscles = dataclasses.replace(problem.motion.muscles, muscle_class=(MILLARD, opensim_class))
     with raises(f"muscle 'm2' is a {opensim_class}, which is not modelled (closest: {nearest}") as error:
-        solve(dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)))
+        solve(with_motion(problem, muscles=muscles))
     is_one_sentence(error)
 
 
@@ -62,9 +63,7 @@ def test_opensims_own_capacity_needs_no_curves_of_ours():
     """The capacity is OpenSim's number: any class will do."""
     problem = problem_of(scso.RigidTendon(), MILLARD, {})
     muscles = dataclasses.replace(problem.motion.muscles, muscle_class=(MILLARD, "MeyerFregly2016Muscle"))
-    assert scso.solve_trajectory(
-        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
-    ).is_solved.all()
+    assert scso.solve_trajectory(with_motion(problem, muscles=muscles)).is_solved.all()
 
 
 BAD_CURVES = [
@@ -129,12 +128,7 @@ def test_a_tendon_without_length_and_a_pennation_of_a_right_angle_are_refused(mo
     ):
         with raises(said) as error:
             scso.solve_trajectory(
-                dataclasses.replace(
-                    problem,
-                    motion=dataclasses.replace(
-                        problem.motion, muscles=dataclasses.replace(problem.motion.muscles, **changes)
-                    ),
-                )
+                with_motion(problem, muscles=dataclasses.replace(problem.motion.muscles, **changes))
             )
         is_one_sentence(error)
 
@@ -151,7 +145,7 @@ def test_constants_that_are_not_positive_never_reach_a_problem(what, value):
 def without_speed_limit(problem):
     """The same problem, its second muscle with a largest velocity of zero."""
     muscles = dataclasses.replace(problem.motion.muscles, max_contraction_velocity=[10.0, 0.0])
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    return with_motion(problem, muscles=muscles)
 
 
 @both_solvers
@@ -188,7 +182,7 @@ def test_a_slack_path_is_refused_with_muscle_time_and_remedy(solve, model, opens
     length[3, 1] = 0.8 * problem.motion.muscles.tendon_slack_length[1]
     trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length)
     with raises("; check tendon_slack_length, or choose short_fibers='silence'") as error:
-        solve(dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory)))
+        solve(with_motion(problem, trajectory=trajectory))
     for part in ("'m2'", "at t = 0.03 s", "path", "too short"):
         assert part in str(error.value)
     is_one_sentence(error)
@@ -202,7 +196,5 @@ def test_a_fiber_at_its_shortest_is_refused_although_the_tendon_could_be_taut(mo
     length[0, 1] = muscles.tendon_slack_length[1] + 0.43 * muscles.optimal_fiber_length[1]
     trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length)
     with pytest.raises(scso.DataError, match=r"'m2'.* at t = 0 s.*shortest") as error:
-        scso.solve_trajectory(
-            dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
-        )
+        scso.solve_trajectory(with_motion(problem, trajectory=trajectory))
     is_one_sentence(error)

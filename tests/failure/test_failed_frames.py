@@ -10,7 +10,15 @@ import casadi as ca
 import numpy as np
 import pytest
 from coupled_terms import CappedEffort, RateLimit, Smoothness
-from helpers import elbow, motion, muscle_parameters, random_problem, two_antagonists
+from helpers import (
+    elbow,
+    motion,
+    muscle_parameters,
+    random_problem,
+    two_antagonists,
+    with_motion,
+    with_trajectory,
+)
 
 import scso_nlp as scso
 from scso_nlp import Status
@@ -42,9 +50,7 @@ def with_columns(problem, columns, **bounds):
     trajectory = dataclasses.replace(
         problem.motion.trajectory, actuators=names, actuator_generalized_forces=columns
     )
-    return dataclasses.replace(
-        problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory, actuators=actuators)
-    )
+    return with_motion(problem, trajectory=trajectory, actuators=actuators)
 
 
 @both_solvers
@@ -274,13 +280,7 @@ def test_random_infeasible_frames_are_told_from_feasible_ones_as_a_linear_progra
     for _ in range(6):
         problem = random_problem(rng, n_frames=4, n_muscles=6, n_coordinates=2)
         moments = problem.motion.trajectory.generalized_forces * rng.uniform(0.5, 3.0, (4, 1))
-        problem = dataclasses.replace(
-            problem,
-            motion=dataclasses.replace(
-                problem.motion,
-                trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
-            ),
-        )
+        problem = with_trajectory(problem, generalized_forces=moments)
         expected = []
         for k in range(4):
             try:

@@ -11,7 +11,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from helpers import elbow, random_problem, two_antagonists
+from helpers import elbow, random_problem, two_antagonists, with_motion
 
 import scso_nlp as scso
 
@@ -139,7 +139,7 @@ def _with_curvature(problem, rng):
         is_uncertain=np.zeros((n_frames, n_muscles), dtype=bool),
     )
     trajectory = dataclasses.replace(trajectory, curvature=given)
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    return with_motion(problem, trajectory=trajectory)
 
 
 def is_called(name):

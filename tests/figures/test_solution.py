@@ -7,6 +7,7 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
+from helpers import with_motion
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import antagonists, solution_by_hand
 
@@ -107,7 +108,7 @@ def test_a_clock_that_counts_from_long_ago_starts_at_zero():
     )
     late = replace(
         solution,
-        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+        problem=with_motion(solution.problem, trajectory=trajectory),
     )
     figure = plot_activations(late)
     assert figure.get_supxlabel() == "Time since t = 1667315995.250 s [s]"

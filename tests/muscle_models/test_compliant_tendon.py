@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms, random_problem, stability_by_hand, with_stability
+from helpers import evaluate_terms, random_problem, stability_by_hand, with_motion, with_stability
 from muscle_models.mixed_muscles import (
     CLASSES,
     DE_GROOTE,
@@ -176,7 +176,7 @@ def with_paths(problem, k, m, length, velocity=None):
     trajectory = dataclasses.replace(
         trajectory, muscle_tendon_length=lengths, muscle_tendon_velocity=velocities
     )
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    return with_motion(problem, trajectory=trajectory)
 
 
 def silenced(problem):
@@ -243,7 +243,7 @@ def test_muscles_whose_tendon_would_go_slack_are_named_and_held_to_what_keeps_it
         problem = with_paths(problem, 2, m, length[m], -0.5 * fastest[m])
     # Moments that ask for nothing, so that every muscle wants to be at rest.
     trajectory = dataclasses.replace(problem.motion.trajectory, generalized_forces=np.zeros((4, 2)))
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     solution = scso.solve_trajectory(problem)
     assert "the tendons of m2, m5 are slack at the least activation" in caplog.text
     assert "the tendons of m3 are slack at the least activation" in caplog.text
@@ -320,9 +320,7 @@ def test_stability_rows_of_elastic_tendons_are_affine_and_kept(rng):
     muscles = dataclasses.replace(
         problem.motion.muscles, tendon_slack_length=0.6 * path, optimal_fiber_length=0.4 * path
     )
-    problem = with_stability(
-        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)), 20.0
-    )
+    problem = with_stability(with_motion(problem, muscles=muscles), 20.0)
     split = describe(problem).split
     n_muscles = problem.motion.muscles.n_muscles
     assert sum(rows.size for _, rows in split.nonlinear) == 2 * n_muscles, "only the model's own rows"

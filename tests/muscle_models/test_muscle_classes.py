@@ -13,6 +13,7 @@ from muscle_models.classes import (
     rigid_tendon_muscle,
     thelen2003,
 )
+from muscle_models.mixed_muscles import muscle_parameters
 
 from scso_nlp.exceptions import DataError
 from scso_nlp.muscle_models.curves import on_arrays
@@ -21,25 +22,10 @@ from scso_nlp.muscle_models.force import rigid_tendon_force
 from scso_nlp.muscle_models.hill_muscle import HillMuscle, pack, repeat_over_frames, unpack
 from scso_nlp.muscle_models.muscle_classes import MUSCLE_CLASSES, curves_of, muscle_groups
 from scso_nlp.muscle_models.pennation import clamped_rigid_tendon_fiber, rigid_tendon_fiber
-from scso_nlp.muscles import MuscleParameters
 
 
 def parameters(classes, **changes):
-    n = len(classes)
-    values = {
-        "muscles": tuple(f"m{i}" for i in range(n)),
-        "muscle_class": tuple(classes),
-        "max_isometric_force": np.linspace(500.0, 900.0, n),
-        "optimal_fiber_length": np.linspace(0.08, 0.12, n),
-        "tendon_slack_length": np.full(n, 0.2),
-        "pennation_angle_at_optimal": np.full(n, 0.1),
-        "max_contraction_velocity": np.full(n, 10.0),
-        "min_activation": np.zeros(n),
-        "max_activation": np.ones(n),
-        "activation_time_constant": np.full(n, 0.01),
-        "deactivation_time_constant": np.full(n, 0.04),
-    }
-    return MuscleParameters(**(values | changes))
+    return muscle_parameters(classes, ({},) * len(classes), **changes)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +39,7 @@ def parameters(classes, **changes):
 def test_a_class_without_a_model_is_refused_by_name_with_the_nearest_one(opensim_class, nearest):
     with pytest.raises(DataError, match=rf"'soleus' is a {opensim_class}.*closest: {nearest}"):
         curves_of(opensim_class, "soleus")
-    with pytest.raises(DataError, match=rf"'m1' is a {opensim_class}"):
+    with pytest.raises(DataError, match=rf"'m2' is a {opensim_class}"):
         muscle_groups(parameters(["Thelen2003Muscle", opensim_class]))
 
 
@@ -92,7 +78,9 @@ def test_muscles_of_mixed_classes_are_sorted_and_evaluated_like_one_by_one():
             curves=module,
             max_isometric_force=data.max_isometric_force[m],
             optimal_fiber_length=data.optimal_fiber_length[m],
-            pennation_angle_at_optimal=0.1,
+            tendon_slack_length=data.tendon_slack_length[m],
+            pennation_angle_at_optimal=data.pennation_angle_at_optimal[m],
+            max_contraction_velocity=data.max_contraction_velocity[m],
             curve_parameters=module.check_curve_parameters("m", data.curve_parameters[m]),
         )
         for k in range(4):
@@ -250,14 +238,14 @@ def test_curve_parameters_without_a_meaning_are_refused_in_one_sentence(opensim_
     data = parameters([opensim_class], curve_parameters=(given,))
     with pytest.raises(DataError, match=message) as error:
         muscle_groups(data)
-    assert "'m0'" in str(error.value)
+    assert "'m1'" in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_constants_without_a_meaning_are_refused_in_one_sentence():
-    with pytest.raises(DataError, match=r"pennation_angle_at_optimal of 'm0' is 1\.6 rad"):
+    with pytest.raises(DataError, match=r"pennation_angle_at_optimal of 'm1' is 1\.6 rad"):
         muscle_groups(parameters(["Thelen2003Muscle"], pennation_angle_at_optimal=np.array([1.6])))
-    with pytest.raises(DataError, match="tendon_slack_length of 'm0' is 0 m, must be positive"):
+    with pytest.raises(DataError, match="tendon_slack_length of 'm1' is 0 m, must be positive"):
         muscle_groups(parameters(["Millard2012EquilibriumMuscle"], tendon_slack_length=np.zeros(1)))
     assert muscle_groups(parameters(["RigidTendonMuscle"], tendon_slack_length=np.zeros(1)))
 

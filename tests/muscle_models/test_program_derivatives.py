@@ -7,6 +7,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
+from helpers import with_trajectory
 from muscle_models.mixed_muscles import CLASSES, DE_GROOTE, MILLARD, RIGID, SHAPES, THELEN, mixed_problem
 
 import scso_nlp as scso
@@ -109,13 +110,7 @@ def test_elastic_tendons_of_mixed_classes_with_a_fiber_at_rest(rng):
     length = problem.motion.trajectory.muscle_tendon_length.copy()
     length[1, 0] = 0.9 * problem.motion.muscles.tendon_slack_length[0]
     activation, fibers = inside(problem, rng)
-    problem = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=length),
-        ),
-    )
+    problem = with_trajectory(problem, muscle_tendon_length=length)
     check(problem, activation, fibers)
 
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms, random_problem, solve_qp, unknowns
+from helpers import evaluate_terms, random_problem, solve_qp, unknowns, with_motion, with_trajectory
 from muscle_models.mixed_muscles import DE_GROOTE, MILLARD, RIGID, THELEN, mixed_problem, rigid_force
 
 import scso_nlp as scso
@@ -25,13 +25,7 @@ def test_a_muscle_without_capacity_in_a_frame_gives_no_force_there(rng):
     problem = random_problem(rng, muscle_model=scso.RigidTendon(), reserve=5.0, stability=False)
     capacity = problem.motion.trajectory.active_force_capacity.copy()
     capacity[1] = 0.0
-    problem = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, active_force_capacity=capacity),
-        ),
-    )
+    problem = with_trajectory(problem, active_force_capacity=capacity)
     for solve in (scso.solve_trajectory, scso.solve_framewise):
         solution = solve(problem)
         np.testing.assert_array_equal(solution.tendon_force[1], 0.0)
@@ -70,7 +64,7 @@ def test_physical_force_of_a_thelen_muscle_is_not_affine_in_activation(rng):
             [-0.2 * muscles.optimal_fiber_length[0] * muscles.max_contraction_velocity[0]]
         ],
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    problem = with_motion(problem, trajectory=trajectory)
     some, full = (evaluate_terms(problem, [[a]])[2][0, 0] for a in (0.1, 1.0))
     assert some / (0.1 * full) == pytest.approx(0.25, abs=0.005)
 
@@ -121,7 +115,7 @@ def with_path(problem, k, m, length):
     lengths = problem.motion.trajectory.muscle_tendon_length.copy()
     lengths[k, m] = length
     trajectory = dataclasses.replace(problem.motion.trajectory, muscle_tendon_length=lengths)
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    return with_motion(problem, trajectory=trajectory)
 
 
 @pytest.mark.parametrize(("m", "name"), [(0, "m1"), (1, "m2"), (2, "m3"), (3, "m4")])
@@ -162,9 +156,7 @@ def test_a_negative_capacity_of_opensim_is_named(rng, caplog):
     capacity = problem.motion.trajectory.active_force_capacity.copy()
     capacity[1, 2] = -85.0
     trajectory = dataclasses.replace(problem.motion.trajectory, active_force_capacity=capacity)
-    scso.solve_trajectory(
-        dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
-    )
+    scso.solve_trajectory(with_motion(problem, trajectory=trajectory))
     assert "can push by up to 85 N, where the model has no floor: m3" in caplog.text
 
 

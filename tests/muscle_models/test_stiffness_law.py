@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from conic_oracle import hessian_by_hand, hessian_problem
-from helpers import central_difference, two_antagonists
+from helpers import central_difference, two_antagonists, with_motion, with_trajectory
 from muscle_models.classes import slope
 from muscle_models.mixed_muscles import mixed_problem
 from scipy.optimize import brentq
@@ -41,12 +41,7 @@ def with_flat_curvature(problem):
         asymmetry=np.zeros((shape[0], len(trajectory.muscles))),
         is_uncertain=np.zeros((shape[0], len(trajectory.muscles)), dtype=bool),
     )
-    return dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion, trajectory=dataclasses.replace(trajectory, curvature=curvature)
-        ),
-    )
+    return with_trajectory(problem, curvature=curvature)
 
 
 def fibers(problem, state):
@@ -271,7 +266,7 @@ def test_proportional_stiffness_at_the_equivalent_gain_gives_the_same_rows(rng):
     rigid = dataclasses.replace(
         problem.motion.muscles, muscle_class=("RigidTendonMuscle",) * problem.motion.muscles.n_muscles
     )
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=rigid))
+    problem = with_motion(problem, muscles=rigid)
     same = dataclasses.replace(
         problem,
         constraints=(

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from coupled_terms import CappedEffort, RateLimit, Smoothness
-from helpers import frame_arrays, random_problem, solve_qp, unknowns
+from helpers import frame_arrays, random_problem, solve_qp, unknowns, with_trajectory
 from scipy.optimize import minimize
 
 import scso_nlp as scso
@@ -18,12 +18,7 @@ TIME = np.array([0.0, 0.01, 0.03, 0.04])
 
 def uneven(rng, **options):
     problem = random_problem(rng, n_frames=4, n_muscles=6, n_coordinates=2, **options)
-    return dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion, trajectory=dataclasses.replace(problem.motion.trajectory, time=TIME)
-        ),
-    )
+    return with_trajectory(problem, time=TIME)
 
 
 def with_terms(problem, objectives=(), constraints=()):

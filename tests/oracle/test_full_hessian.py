@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conic_oracle import hessian_problem, smallest_eigenvalue, solve_full_frame, with_forces
 from coupled_terms import Smoothness
+from helpers import with_motion
 
 import scso_nlp as scso
 from problems.random_hessian.lifted_stability import LiftedStability
@@ -106,7 +107,7 @@ def test_frames_that_no_activation_stabilises_are_marked_infeasible(rng, solve):
     trajectory = dataclasses.replace(
         problem.motion.trajectory, curvature=dataclasses.replace(curvature, load_stiffness=load)
     )
-    broken = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    broken = with_motion(problem, trajectory=trajectory)
     assert solve_full_frame(broken, 2) is None
     solution = solve(broken, on_failure="return")
     assert [s.is_solved for s in solution.frame_status] == [True, True, False, True]

@@ -14,6 +14,7 @@ from helpers import (
     solve_power_frame,
     solve_qp_frame,
     unknowns,
+    with_motion,
 )
 
 import scso_nlp as scso
@@ -105,7 +106,7 @@ def test_sums_and_maxima_are_as_small_as_a_linear_program_finds(solve, exponent,
 def test_a_muscle_that_is_switched_off_stays_off(solve, exponent, rng):
     problem = random_problem(rng, exponent=exponent, reserve=5.0, stability=False)
     muscles = dataclasses.replace(problem.motion.muscles, max_activation=[0.0, 0.0, *np.ones(8)])
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    problem = with_motion(problem, muscles=muscles)
     solution = solve(problem)
     np.testing.assert_array_equal(solution.activation[:, :2], 0.0)
     for k in range(3):

@@ -8,7 +8,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import random_problem
+from helpers import random_problem, with_motion
 
 import scso_nlp as scso
 
@@ -18,7 +18,7 @@ def test_a_copy_of_a_solution_has_its_numbers_and_can_be_solved_again(rng, copie
     problem = random_problem(rng, reserve=5.0)
     curves = tuple({"strain": 0.04 + 0.001 * m} for m in range(10))
     muscles = dataclasses.replace(problem.motion.muscles, curve_parameters=curves)
-    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    problem = with_motion(problem, muscles=muscles)
     solution = scso.solve_trajectory(problem)
     other = copied(solution)
     np.testing.assert_array_equal(other.activation, solution.activation)

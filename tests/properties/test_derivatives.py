@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from coupled_terms import CappedEffort, CurvedPair, RateLimit, Smoothness, WeightedDrift
-from helpers import central_difference, random_problem, stability_by_hand
+from helpers import central_difference, random_problem, stability_by_hand, with_motion
 
 import scso_nlp as scso
 from scso_nlp.transcription.build import FrameScale, build_nlp
@@ -126,7 +126,7 @@ def coupled(problem):
     time = np.array([0.0, 0.01, 0.04])
     velocity = np.random.default_rng(1).normal(size=problem.motion.trajectory.muscle_tendon_velocity.shape)
     trajectory = dataclasses.replace(problem.motion.trajectory, time=time, muscle_tendon_velocity=velocity)
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    return with_motion(problem, trajectory=trajectory)
 
 
 def test_the_program_has_the_values_that_its_terms_say(rng):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
-from helpers import random_problem, with_stability
+from helpers import random_problem, with_stability, with_trajectory
 
 import scso_nlp as scso
 
@@ -19,6 +18,13 @@ STEP = 1e-3
 
 #: Of the price itself and of the largest price: differences of optima at this tolerance and step.
 RELATIVE = 2e-3
+
+
+def price(problem_at):
+    """Slope of the optimal objective over a step of a row."""
+    up, down = (scso.solve_trajectory(problem_at(step), options=OPTIONS).objective for step in (STEP, -STEP))
+    return (up - down) / (2 * STEP)
+
 
 CASES = [(exponent, reserve) for exponent in (1.5, 2.0, 3.0, 10.0) for reserve in (None, 1.0, 50.0)]
 
@@ -38,15 +44,9 @@ def test_the_multiplier_of_a_stability_row_is_the_price_of_its_level(exponent, r
     )
     assert multiplier.max() > 0, "no row is active: the test shows nothing"
     for r, name in enumerate(level):
-        costs = [
-            scso.solve_trajectory(
-                with_stability(problem, level | {name: level[name] + step}), options=OPTIONS
-            ).objective
-            for step in (STEP, -STEP)
-        ]
-        price = (costs[0] - costs[1]) / (2 * STEP)
+        expected = price(lambda step, name=name: _with_level(problem, level, name, step))
         assert multiplier[:, r].sum() == pytest.approx(
-            price, rel=RELATIVE, abs=RELATIVE * np.abs(multiplier).max()
+            expected, rel=RELATIVE, abs=RELATIVE * np.abs(multiplier).max()
         )
 
 
@@ -55,12 +55,10 @@ def test_the_multiplier_of_equilibrium_is_the_price_of_the_moment(exponent, rese
     problem = random_problem(np.random.default_rng(5), n_frames=2, exponent=exponent, reserve=reserve)
     multiplier = scso.solve_trajectory(problem, options=OPTIONS).rows["MomentEquilibrium"].multiplier
     for k, c in ((0, 0), (0, 2), (1, 1)):
-        costs = [
-            scso.solve_trajectory(_with_moment(problem, k, c, step), options=OPTIONS).objective
-            for step in (STEP, -STEP)
-        ]
-        price = (costs[0] - costs[1]) / (2 * STEP)
-        assert multiplier[k, c] == pytest.approx(price, rel=RELATIVE, abs=RELATIVE * np.abs(multiplier).max())
+        expected = price(lambda step, k=k, c=c: _with_moment(problem, k, c, step))
+        assert multiplier[k, c] == pytest.approx(
+            expected, rel=RELATIVE, abs=RELATIVE * np.abs(multiplier).max()
+        )
 
 
 @pytest.mark.parametrize("exponent", [1.0, math.inf])
@@ -71,23 +69,13 @@ def test_prices_of_linear_programs_are_their_multipliers(exponent, reserve):
     solution = scso.solve_trajectory(problem, options=OPTIONS)
     largest = max(np.abs(row.multiplier).max() for row in solution.rows.values())
     for k, c in ((0, 1), (1, 0)):
-        costs = [
-            scso.solve_trajectory(_with_moment(problem, k, c, step), options=OPTIONS).objective
-            for step in (STEP, -STEP)
-        ]
-        price = (costs[0] - costs[1]) / (2 * STEP)
+        expected = price(lambda step, k=k, c=c: _with_moment(problem, k, c, step))
         found = solution.rows["MomentEquilibrium"].multiplier[k, c]
-        assert found == pytest.approx(price, rel=RELATIVE, abs=RELATIVE * largest)
+        assert found == pytest.approx(expected, rel=RELATIVE, abs=RELATIVE * largest)
     for r, name in enumerate(level):
-        costs = [
-            scso.solve_trajectory(
-                with_stability(problem, level | {name: level[name] + step}), options=OPTIONS
-            ).objective
-            for step in (STEP, -STEP)
-        ]
-        price = (costs[0] - costs[1]) / (2 * STEP)
+        expected = price(lambda step, name=name: _with_level(problem, level, name, step))
         found = solution.rows["JointStability"].multiplier[:, r].sum()
-        assert found == pytest.approx(price, rel=RELATIVE, abs=RELATIVE * largest)
+        assert found == pytest.approx(expected, rel=RELATIVE, abs=RELATIVE * largest)
 
 
 def test_multipliers_do_not_depend_on_the_solver(rng):
@@ -103,13 +91,11 @@ def test_multipliers_do_not_depend_on_the_solver(rng):
         )
 
 
+def _with_level(problem, level, name, step):
+    return with_stability(problem, level | {name: level[name] + step})
+
+
 def _with_moment(problem, k, c, step):
     moments = problem.motion.trajectory.generalized_forces.copy()
     moments[k, c] += step
-    return dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
-        ),
-    )
+    return with_trajectory(problem, generalized_forces=moments)

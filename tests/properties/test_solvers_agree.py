@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import random_problem
+from helpers import random_problem, with_motion, with_trajectory
 
 import scso_nlp as scso
 
@@ -68,13 +68,7 @@ def test_frames_keep_their_own_numbers_when_some_are_infeasible(rng):
     whole = scso.solve_trajectory(problem)
     moments = problem.motion.trajectory.generalized_forces.copy()
     moments[[0, 3]] *= 1e3
-    broken = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
-        ),
-    )
+    broken = with_trajectory(problem, generalized_forces=moments)
     for solve in (scso.solve_trajectory, scso.solve_framewise):
         solution = solve(broken, on_failure="return")
         assert solution.is_solved.tolist() == [False, True, True, False, True]
@@ -103,7 +97,7 @@ def _reordered(problem, order):
     moved = dataclasses.replace(
         trajectory, **changes, skeleton=trajectory.skeleton.frames(np.array(order, dtype=np.int64))
     )
-    return dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=moved))
+    return with_motion(problem, trajectory=moved)
 
 
 def test_a_long_motion_is_cut_into_programs_and_the_answer_does_not_depend_on_the_cut(rng):

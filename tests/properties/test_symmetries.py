@@ -7,7 +7,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
-from helpers import motion, muscle_parameters, random_problem, with_stability
+from helpers import motion, muscle_parameters, random_problem, with_motion, with_stability, with_trajectory
 
 import scso_nlp as scso
 
@@ -39,13 +39,7 @@ def test_the_order_of_coordinates_does_not_matter(rng):
             "passive_generalized_forces",
         )
     }
-    moved = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(trajectory, coordinates=("q3", "q1", "q2"), **changes),
-        ),
-    )
+    moved = with_trajectory(problem, coordinates=("q3", "q1", "q2"), **changes)
     answers = scso.solve_trajectory(problem), scso.solve_trajectory(moved)
     np.testing.assert_allclose(answers[0].activation, answers[1].activation, atol=TOLERANCE)
     rows = [answer.rows["MomentEquilibrium"] for answer in answers]
@@ -92,19 +86,16 @@ def test_stronger_muscles_for_a_larger_task_are_as_active(rng, factor):
     """All forces times one factor: strength, moments, loads and levels."""
     problem = random_problem(rng)
     trajectory, skeleton = problem.motion.trajectory, problem.motion.trajectory.skeleton
-    larger = dataclasses.replace(
+    larger = with_motion(
         problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            muscles=dataclasses.replace(
-                problem.motion.muscles,
-                max_isometric_force=factor * problem.motion.muscles.max_isometric_force,
-            ),
-            trajectory=dataclasses.replace(
-                trajectory,
-                generalized_forces=factor * trajectory.generalized_forces,
-                skeleton=dataclasses.replace(skeleton, load_forces=factor * skeleton.load_forces),
-            ),
+        muscles=dataclasses.replace(
+            problem.motion.muscles,
+            max_isometric_force=factor * problem.motion.muscles.max_isometric_force,
+        ),
+        trajectory=dataclasses.replace(
+            trajectory,
+            generalized_forces=factor * trajectory.generalized_forces,
+            skeleton=dataclasses.replace(skeleton, load_forces=factor * skeleton.load_forces),
         ),
     )
     level = {name: factor * value for name, value in problem.constraints[1].level.items()}
@@ -117,21 +108,15 @@ def test_a_larger_body_for_a_larger_task_is_as_active(rng, factor):
     """All lengths times one factor: arms, points and, with them, moments and levels."""
     problem = random_problem(rng)
     trajectory, skeleton = problem.motion.trajectory, problem.motion.trajectory.skeleton
-    larger = dataclasses.replace(
+    larger = with_trajectory(
         problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(
-                trajectory,
-                moment_arms=factor * trajectory.moment_arms,
-                generalized_forces=factor * trajectory.generalized_forces,
-                muscle_tendon_length=factor * trajectory.muscle_tendon_length,
-                skeleton=dataclasses.replace(
-                    skeleton,
-                    path_points=factor * skeleton.path_points,
-                    load_points=factor * skeleton.load_points,
-                ),
-            ),
+        moment_arms=factor * trajectory.moment_arms,
+        generalized_forces=factor * trajectory.generalized_forces,
+        muscle_tendon_length=factor * trajectory.muscle_tendon_length,
+        skeleton=dataclasses.replace(
+            skeleton,
+            path_points=factor * skeleton.path_points,
+            load_points=factor * skeleton.load_points,
         ),
     )
     level = {name: factor * value for name, value in problem.constraints[1].level.items()}
@@ -179,28 +164,23 @@ def _with_muscles(problem, chosen, halved=()):
     names = tuple(f"{name}_copy" if name in names[:at] else name for at, name in enumerate(names))
     strength = muscles.max_isometric_force[chosen]
     strength[list(halved)] /= 2
-    return dataclasses.replace(
+    return with_motion(
         problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            muscles=muscle_parameters(
-                names, strength, optimal_fiber_length=muscles.optimal_fiber_length[chosen]
-            ),
-            trajectory=dataclasses.replace(
-                trajectory,
-                muscles=names,
-                muscle_tendon_length=trajectory.muscle_tendon_length[:, chosen],
-                muscle_tendon_velocity=trajectory.muscle_tendon_velocity[:, chosen],
-                moment_arms=trajectory.moment_arms[:, :, chosen],
-                active_force_capacity=trajectory.active_force_capacity[:, chosen],
-                skeleton=dataclasses.replace(
-                    skeleton,
-                    path_points=skeleton.path_points[:, chosen],
-                    path_point_bodies=skeleton.path_point_bodies[:, chosen],
-                    path_point_moves=skeleton.path_point_moves[:, chosen],
-                    virtual_moment_arms=np.zeros((0, 0, 0)),
-                    virtual_curvature=np.zeros((0, 0, 0)),
-                ),
+        muscles=muscle_parameters(names, strength, optimal_fiber_length=muscles.optimal_fiber_length[chosen]),
+        trajectory=dataclasses.replace(
+            trajectory,
+            muscles=names,
+            muscle_tendon_length=trajectory.muscle_tendon_length[:, chosen],
+            muscle_tendon_velocity=trajectory.muscle_tendon_velocity[:, chosen],
+            moment_arms=trajectory.moment_arms[:, :, chosen],
+            active_force_capacity=trajectory.active_force_capacity[:, chosen],
+            skeleton=dataclasses.replace(
+                skeleton,
+                path_points=skeleton.path_points[:, chosen],
+                path_point_bodies=skeleton.path_point_bodies[:, chosen],
+                path_point_moves=skeleton.path_point_moves[:, chosen],
+                virtual_moment_arms=np.zeros((0, 0, 0)),
+                virtual_curvature=np.zeros((0, 0, 0)),
             ),
         ),
     )

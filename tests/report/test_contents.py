@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from helpers import with_motion
 from solution_by_hand import solution_by_hand, write
 
 from scso_nlp.exceptions import NameMismatchError
@@ -96,7 +97,7 @@ def test_a_trajectory_without_force_columns_writes_muscles_then_actuators_then_o
     trajectory = replace(solution.problem.motion.trajectory, force_columns=())
     solution = replace(
         solution,
-        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+        problem=with_motion(solution.problem, trajectory=trajectory),
     )
     write(solution, tmp_path / "results")
     force = read_storage(tmp_path / "results" / "antagonists_StaticOptimization_force.sto")
@@ -109,7 +110,7 @@ def test_a_force_column_that_nobody_fills_is_named(tmp_path):
     trajectory = replace(solution.problem.motion.trajectory, force_columns=columns)
     solution = replace(
         solution,
-        problem=replace(solution.problem, motion=replace(solution.problem.motion, trajectory=trajectory)),
+        problem=with_motion(solution.problem, trajectory=trajectory),
     )
     with pytest.raises(NameMismatchError, match="spring_left"):
         write(solution, tmp_path / "results")

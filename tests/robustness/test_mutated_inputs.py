@@ -209,12 +209,8 @@ SETUP = XmlRules(
         "on": ("flag", ""),
         "use_model_force_set": ("flag", ""),
         "use_muscle_physiology": ("flag", "muscle_physiology"),
-        "model_file": ("path", ""),
-        "coordinates_file": ("path", ""),
-        "speeds_file": ("path", ""),
-        "states_file": ("path", ""),
-        "external_loads_file": ("path", ""),
-        "force_set_files": ("path", ""),
+        **dict.fromkeys(("model_file", "coordinates_file", "speeds_file", "states_file"), ("path", "")),
+        **dict.fromkeys(("external_loads_file", "force_set_files"), ("path", "")),
     },
     needed=frozenset({"AnalyzeTool", "model_file", "coordinates_file", "AnalysisSet", "StaticOptimization"}),
 )
@@ -222,19 +218,15 @@ LOADS = XmlRules(
     own_name="external_loads.xml",
     leaves={
         "datafile": ("path", ""),
-        "force_identifier": ("needed name", ""),
-        "point_identifier": ("needed name", ""),
-        "applied_to_body": ("name", ""),
-        "force_expressed_in_body": ("name", ""),
+        **dict.fromkeys(("force_identifier", "point_identifier"), ("needed name", "")),
+        **dict.fromkeys(("applied_to_body", "force_expressed_in_body"), ("name", "")),
     },
     needed=frozenset({"ExternalLoads", "datafile"}),
 )
 MODEL = XmlRules(
     own_name="elbow.osim",
     leaves={
-        "mass": ("physical", ""),
-        "max_isometric_force": ("physical", ""),
-        "optimal_fiber_length": ("physical", ""),
+        **dict.fromkeys(("mass", "max_isometric_force", "optimal_fiber_length"), ("physical", "")),
         "socket_parent_frame": ("name", ""),
     },
     needed=frozenset({"Model"}),

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from conic_oracle import SCALE, hessian_by_hand, hessian_problem
-from helpers import frame_arrays, random_problem, stability_by_hand, two_antagonists, with_stability
+from helpers import (
+    frame_arrays,
+    random_problem,
+    stability_by_hand,
+    two_antagonists,
+    with_motion,
+    with_stability,
+    with_trajectory,
+)
 from scipy.optimize import linprog
 
 import scso_nlp as scso
@@ -73,7 +81,7 @@ def test_helpers_are_the_muscles_whose_strength_raises_the_highest_most(rng):
             muscles = dataclasses.replace(problem.motion.muscles, max_activation=upper)
             highest.append(
                 highest_by_hand(
-                    dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles)),
+                    with_motion(problem, muscles=muscles),
                     0,
                     40.0,
                 )[0]
@@ -94,13 +102,7 @@ def test_frames_whose_moments_are_out_of_reach_are_named_as_such(rng):
     problem = random_problem(rng, n_frames=2)
     moments = problem.motion.trajectory.generalized_forces.copy()
     moments[1] = 1e4
-    problem = dataclasses.replace(
-        problem,
-        motion=dataclasses.replace(
-            problem.motion,
-            trajectory=dataclasses.replace(problem.motion.trajectory, generalized_forces=moments),
-        ),
-    )
+    problem = with_trajectory(problem, generalized_forces=moments)
     (reach,) = reachable_stability(problem)
     assert np.isfinite(reach.highest[0]).all()
     assert np.isnan(reach.highest[1]).all()
