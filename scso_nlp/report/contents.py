@@ -224,6 +224,7 @@ def _violation(rows: RowResult | MatrixResult) -> FloatArray:
     return np.where(np.isfinite(excess), excess, NO_ITERATE).max(axis=1, initial=NO_ITERATE)
 
 
+#: All of them, in the order of README's table.
 RESULT_FILES = (
     ResultFile(
         name="{name}_{analysis}_activation.sto",
