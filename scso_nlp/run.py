@@ -19,9 +19,8 @@ from scso_nlp.objectives.activation_effort import ActivationEffort
 from scso_nlp.opensim.engine import load_with_hashes
 from scso_nlp.opensim.model_names import model_names
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.report.folder import holds_nothing_of_others
 from scso_nlp.report.record import RunRecord
-from scso_nlp.report.results import own_files, write_solution
+from scso_nlp.report.results import write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
 
@@ -211,20 +210,13 @@ def write_run(result: RunResult, output: OutputSettings | None = None) -> tuple[
         Files that cannot be written.
     """
     output = output or OutputSettings()
-    name, analysis = result.solution.problem.motion.name, result.settings.analysis_name
-
-    def is_free(folder: Path) -> bool:
-        inputs, setup = result.record.inputs, result.settings.setup
-        own = own_files(name, analysis)
-        return output.overwrite or holds_nothing_of_others(folder, own, name, inputs, setup)
-
     return write_solution(
         result.solution,
-        output.folder_for(name),
-        analysis_name=analysis,
+        output.folder_for(result.solution.problem.motion.name),
+        analysis_name=result.settings.analysis_name,
         record=result.record,
         keep_failed=output.keep_failed,
         baseline=result.baseline,
         figures=output.figures,
-        is_free=is_free,
+        overwrite=output.overwrite,
     )

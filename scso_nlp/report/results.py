@@ -33,6 +33,7 @@ from scso_nlp.report.folder import (
     REPORT,
     WITH_GAPS,
     claimed,
+    holds_nothing_of_others,
     names_in,
     read_report,
     remove_empty,
@@ -59,7 +60,7 @@ def write_solution(
     keep_failed: bool = False,
     baseline: Solution | None = None,
     figures: bool = True,
-    is_free: Callable[[Path], bool] = lambda _: True,
+    overwrite: bool = True,
 ) -> tuple[Path, ...]:
     """Write all result files of a solution, whole or not at all.
 
@@ -84,9 +85,9 @@ def write_solution(
         Of the same motion; drawn in the figures, not written.
     figures : bool
         What fails in a figure costs only that figure, with a warning.
-    is_free : callable
-        Tells of a folder whether results may go there, while it is kept for them; otherwise they go to
-        ``folder_2``, ``folder_3``, ... Without it they may.
+    overwrite : bool
+        Results of other inputs in that folder are replaced. Otherwise they stay, and the first of
+        ``folder_2``, ``folder_3``, ... without such results is taken; the inputs are those of `record`.
 
     Returns
     -------
@@ -105,18 +106,24 @@ def write_solution(
     OpenSim's ``Storage`` reads a file up to the first NaN, so files with failed frames are for other
     readers.
     """
-    name, wanted = solution.problem.motion.trajectory.name, absolute(folder)
+    name, record = solution.problem.motion.trajectory.name, record or RunRecord()
+    wanted = absolute(folder)
     for part in (name, analysis_name):
         check_name(part)
     is_complete = bool(solution.is_solved.all())
     has_results = keep_failed or is_complete
-    report = report_on(solution, record or RunRecord(), baseline)
+    report = report_on(solution, record, baseline)
     makers = {
         file.name.format(name=name, analysis=analysis_name): file.content
         for file in RESULT_FILES
         if has_results or not file.is_result
     }
-    own = own_files(name, analysis_name)
+    own = _own_files(name, analysis_name)
+
+    def is_free(place: Path) -> bool:
+        setup = record.settings.get("setup")
+        return overwrite or holds_nothing_of_others(place, own, name, record.inputs, setup)
+
     try:
         with claimed(wanted, is_free) as kept:
             place = kept
@@ -138,20 +145,8 @@ def write_solution(
         raise DataError(f"results cannot be written to {wanted}: {error.strerror or error}") from None
 
 
-def own_files(name: str, analysis_name: str) -> re.Pattern[str]:
-    """Match every file that a run of this name may write, but for the report.
-
-    Parameters
-    ----------
-    name : str
-        Of the motion.
-    analysis_name : str
-
-    Returns
-    -------
-    pattern
-        Of whole file names.
-    """
+def _own_files(name: str, analysis_name: str) -> re.Pattern[str]:
+    """Match whole names of files that a run of this name may write, but for the report."""
     own, analysis = re.escape(name), re.escape(analysis_name)
     patterns = [file.name.replace(".", r"\.") for file in RESULT_FILES]
     patterns += [f"{{name}}_{figure}\\.(png|pdf)" for figure in FIGURES]

@@ -20,6 +20,7 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.report import results
 from scso_nlp.report.contents import RESULT_FILES
 from scso_nlp.report.folder import claimed, settle
+from scso_nlp.report.record import RunRecord
 from scso_nlp.report.results import write_solution
 from scso_nlp.solution import Solution
 
@@ -106,6 +107,20 @@ def test_results_of_another_name_stay(tmp_path):
     assert "antagonists_2_StaticOptimization_force.sto" in files(folder)
 
 
+def test_results_of_other_inputs_stay_unless_they_may_be_overwritten(tmp_path):
+    folder = tmp_path / "results"
+    mine, other = (RunRecord(inputs={file: 64 * file[0]}) for file in ("a.osim", "b.osim"))
+    write(solution_by_hand(), folder, record=mine)
+    before = content(folder)
+    for _ in range(2):
+        written = write(solution_by_hand(tonus=0.1), folder, record=other, overwrite=False)
+        assert {path.parent for path in written} == {tmp_path / "results_2"}
+        assert content(folder) == before
+    write(solution_by_hand(tonus=0.1), folder, record=mine, overwrite=False)
+    assert content(folder) != before
+    assert files(tmp_path) == {"results", "results_2"}
+
+
 def test_what_fails_in_a_figure_costs_that_figure_alone(tmp_path, monkeypatch, caplog):
     def broken(*_, **__):
         raise ValueError("no such\nglyph")
@@ -183,6 +198,7 @@ import os, sys
 sys.path.insert(0, {tests!r})
 from pathlib import Path
 from solution_by_hand import solution_by_hand
+from scso_nlp.report.record import RunRecord
 from scso_nlp.report.results import write_solution
 real, left = os.replace, [{step}]
 def killed(source, target):
