@@ -157,7 +157,9 @@ def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dic
     if isinstance(stability, CoordinateStability | HessianStability):
         chosen = ("all",) if stability.coordinates is None else tuple(stability.coordinates)
         motion = replace(motion, curvature_coordinates=chosen)
-    elif isinstance(stability, JointStability) and stability.moving_paths != "frozen":
+    if not isinstance(stability, JointStability):
+        motion = replace(motion, muscle_paths=False)
+    elif stability.moving_paths != "frozen":
         joints = ("all",) if stability.joints is None else stability.joints
         axes = tuple((joint, axis) for joint in joints for axis in stability.axes)
         motion = replace(motion, stability_axes=axes)

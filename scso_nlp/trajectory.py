@@ -153,6 +153,21 @@ class Skeleton:
         """Keep some frames; all else stays."""
         return _select_frames(self, selection)
 
+    def require_paths(self) -> None:
+        """Refuse a skeleton that was read without muscle paths.
+
+        Raises
+        ------
+        DataError
+            No muscle has a point, and virtual rotations are not given either.
+        """
+        _, n_muscles, n_points = self.path_point_bodies.shape
+        if n_muscles and not n_points and not self.virtual_rows:
+            raise DataError(
+                "the skeleton has no points of muscle paths, expected some; read the motion again with "
+                "muscle_paths=True"
+            )
+
     def distal_bodies(self, joint: int) -> BoolArray:
         """Tell which bodies turn with the distal side of a joint.
 

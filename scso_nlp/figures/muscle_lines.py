@@ -49,6 +49,7 @@ def plot_muscle_lines(
         Shapes do not fit, or a frame that is not there.
     """
     n_frames, n_muscles = skeleton.path_point_bodies.shape[:2]
+    skeleton.require_paths()
     activation = read_only(
         "activation", activation, (n_frames, n_muscles), "n_frames, n_muscles", finite=False
     )

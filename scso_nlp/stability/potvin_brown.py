@@ -84,6 +84,7 @@ def potvin_brown(
             f"the motion {trajectory.name!r} has no skeleton, which stability rows are computed from; "
             "load it from a model again"
         )
+    skeleton.require_paths()
     rows, joint_of_row, axis_of_row = select_rows(skeleton, joints, axes)
     shape = (trajectory.n_frames, len(rows), len(trajectory.muscles))
     curvature, moment_arms = np.zeros(shape), np.zeros(shape)

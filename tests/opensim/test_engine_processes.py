@@ -21,7 +21,9 @@ import numpy as np
 import pytest
 from tiny_model import Tiny, setup_text, write_motion
 
+from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMismatchError, ScsoError
+from scso_nlp.figures.muscle_lines import plot_muscle_lines
 from scso_nlp.files import lock, sha256
 from scso_nlp.io.bundle import load_bundle, read_provenance
 from scso_nlp.opensim import crew, engine
@@ -677,3 +679,24 @@ def test_every_failure_of_a_setup_is_an_error_of_this_package(tiny: Tiny) -> Non
         cut.write_text(tiny.setup.read_text()[:position])
         with pytest.raises(ScsoError):
             read_analyze_setup(cut)
+
+
+def test_without_muscle_paths_all_else_is_the_same(tiny: Tiny) -> None:
+    whole, rest = (load_motion(tiny.setup, muscle_paths=wanted) for wanted in (True, False))
+    assert whole.trajectory.skeleton.path_points.shape[2] > 0
+    assert rest.trajectory.skeleton.path_points.shape[2] == 0
+    paths = {
+        name: getattr(rest.trajectory.skeleton, name)
+        for name in ("path_points", "path_point_bodies", "path_point_moves")
+    }
+    skeleton = dataclasses.replace(whole.trajectory.skeleton, **paths)
+    trajectory = dataclasses.replace(whole.trajectory, skeleton=skeleton)
+    assert_identical(rest, dataclasses.replace(whole, trajectory=trajectory))
+    with pytest.raises(
+        DataError, match="has no points of muscle paths, expected some; read the motion again"
+    ):
+        JointStability().notes(rest)
+    with pytest.raises(DataError, match="has no points of muscle paths"):
+        plot_muscle_lines(rest.trajectory.skeleton, np.zeros((rest.n_frames, 1)), [0])
+    with pytest.raises(DataError, match="muscle_paths is False, but stability_axes need"):
+        load_motion(tiny.setup, muscle_paths=False, stability_axes=(("elbow", "z"),))

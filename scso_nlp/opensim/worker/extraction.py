@@ -49,6 +49,7 @@ class Extraction:
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
         )
         self._dynamics = Dynamics(self._model, self._poses.elimination)
+        self._has_paths = settings["muscle_paths"]
         axes = settings["stability_axes"]
         self._virtual = VirtualRotations(self._model, axes) if axes else None
         chosen = settings["curvature_coordinates"]
@@ -108,6 +109,8 @@ class Extraction:
     def _skeleton(self, pose: Pose, joints: JointFrames, loads: LoadVectors) -> dict[str, Any]:
         bodies = self._model.bodies
         centers = np.einsum("bij,bj->bi", pose.rotations, bodies.mass_centers) + pose.origins
+        paths = self._model.current_paths
+        points = paths.at(pose.state, pose.rotations, pose.origins) if self._has_paths else paths.nothing
         return {
             "body_mass_centers": centers,
             "joint_centers": joints.centers,
@@ -115,7 +118,7 @@ class Extraction:
             "load_forces": loads.forces,
             "load_points": loads.points,
             "load_torques": loads.torques,
-            **self._model.current_paths.at(pose.state, pose.rotations, pose.origins),
+            **points,
         }
 
     def header(self) -> dict[str, Any]:

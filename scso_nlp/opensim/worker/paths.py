@@ -99,17 +99,28 @@ class CurrentPaths:
         Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
         """
         every = self._fixed | {m: self._current(geometry, state) for m, geometry in self._geometries.items()}
-        n_points = max((len(points.bodies) for points in every.values()), default=0)
-        places = np.zeros((self._n_muscles, n_points, 3))
-        owners = np.full((self._n_muscles, n_points), -1, dtype=np.int16)
-        moves = np.zeros((self._n_muscles, n_points), dtype=bool)
+        empty = self._empty(max((len(points.bodies) for points in every.values()), default=0))
+        places, owners, moves = empty.values()
         for m, points in every.items():
             n = len(points.bodies)
             places[m, :n], owners[m, :n], moves[m, :n] = points.locations, points.bodies, points.moves
         stay = (owners >= 0) & ~moves
         own = owners[stay]
         places[stay] = np.einsum("pij,pj->pi", rotations[own], places[stay]) + origins[own]
-        return {"path_points": places, "path_point_bodies": owners, "path_point_moves": moves}
+        return empty
+
+    @property
+    def nothing(self) -> dict[str, NDArray[Any]]:
+        """The arrays of :meth:`at` without points."""
+        return self._empty(0)
+
+    def _empty(self, n_points: int) -> dict[str, NDArray[Any]]:
+        shape = (self._n_muscles, n_points)
+        return {
+            "path_points": np.zeros((*shape, 3)),
+            "path_point_bodies": np.full(shape, -1, dtype=np.int16),
+            "path_point_moves": np.zeros(shape, dtype=bool),
+        }
 
     def _current(self, geometry: osim.GeometryPath, state: osim.State) -> PathPoints:
         """Return the points of a path now: those that move in ground, others in their bodies."""
