@@ -548,8 +548,9 @@ class Solution:
         is_missed |= np.array([status is Status.STABILITY_MISSED for status in self.frame_status])
         margin, balance = self.stability, self.moment_balance
         peak = np.abs(balance.required).max(axis=0)
-        arms = np.abs(self.problem.motion.trajectory.moment_arms)
-        moved = arms.max(axis=(0, 2), initial=0.0) > LEAST_MOMENT_ARM
+        arms = self.problem.motion.trajectory.moment_arms
+        longest = np.maximum(arms.max(axis=(0, 2), initial=0.0), -arms.min(axis=(0, 2), initial=0.0))
+        moved = longest > LEAST_MOMENT_ARM
         actuators = np.abs(balance.actuators)
         shares = np.full(actuators.shape, np.nan)
         np.divide(100 * actuators, peak, out=shares, where=moved & (peak > NEGLIGIBLE_MOMENT))

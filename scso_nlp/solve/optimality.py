@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.solution import Optimality
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import evaluate, frame_blocks
-from scso_nlp.transcription.rows import RowTable
+from scso_nlp.transcription.piece import Key, evaluate, frame_blocks
+from scso_nlp.transcription.rows import AffineRows, RowTable
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame that is further from its optimum is solved again, and at most acceptable [-].
@@ -50,18 +51,62 @@ def optimality_of(
     Optimality
     """
     unit = np.ones(len(unknowns)) if unit is None else unit
-    gradient = _objective_gradient(program, unknowns, unit)
-    lower, upper = program.bounds()
+    one, pair = (np.nan_to_num(m) for m in multipliers)
+    every = _Part(
+        program=program,
+        arrays=program.arrays,
+        bounds=program.bounds(),
+        affine=(program.split.affine, program.split.affine_pairs),
+    )
+    if program.is_coupled:
+        return _grade(every, unknowns, (one, pair), solved, unit)
+    # a few frames at a time, which bounds the memory
+    found = [
+        _grade(every.frames(block), unknowns[block], (one[block], pair), solved[block], unit[block])
+        for block in frame_blocks(len(unknowns))
+    ]
+    names = [item.name for item in fields(Optimality)]
+    return Optimality(**{name: np.concatenate([getattr(part, name) for part in found]) for name in names})
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """Frames that are graded together, and their numbers."""
+
+    program: FrameProgram
+    arrays: Mapping[Key, FloatArray]
+    bounds: tuple[FloatArray, FloatArray]
+    affine: tuple[AffineRows, AffineRows]  # of frames, and of pairs
+
+    def frames(self, block: slice) -> _Part:
+        """Keep some frames, without their pairs."""
+        return replace(
+            self,
+            arrays={key: array[block] for key, array in self.arrays.items()},
+            bounds=(self.bounds[0][block], self.bounds[1][block]),
+            affine=(self.affine[0].frames(block), self.affine[1]),
+        )
+
+
+def _grade(
+    part: _Part,
+    unknowns: FloatArray,
+    multipliers: tuple[FloatArray, FloatArray],
+    solved: BoolArray,
+    unit: FloatArray,
+) -> Optimality:
+    program = part.program
+    gradient = _objective_gradient(part, unknowns, unit)
+    lower, upper = part.bounds
     rest = np.clip(0.0, lower, upper)
-    at_rest = np.nan_to_num(_objective_gradient(program, rest, unit))
+    at_rest = np.nan_to_num(_objective_gradient(part, rest, unit))
     rise = np.maximum(np.abs(gradient), np.abs(gradient - at_rest))
-    lam = tuple(np.nan_to_num(m) for m in multipliers)
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
     missed = np.zeros(len(unknowns))
     for is_pair, table in enumerate((program.rows, program.pair_rows)):
         if len(table):
             push, product, violation = _reaction(
-                program, unknowns, table, lam[is_pair], is_pair=bool(is_pair)
+                part, unknowns, table, multipliers[is_pair], is_pair=bool(is_pair)
             )
             lagrangian += push
             products = np.hstack([products, product])
@@ -78,7 +123,7 @@ def optimality_of(
     if program.is_coupled:
         slope[:], size[:] = slope.max(initial=0.0), size.mean()
     # What vanishes among the smallest doubles, away from rest, cannot be graded.
-    size[(size < _LEAST_SIZE) & (unknowns != rest).any(axis=1) & _has_slope(program)] = np.nan
+    size[(size < _LEAST_SIZE) & (unknowns != rest).any(axis=1) & _has_slope(part)] = np.nan
     gap = np.full(len(unknowns), np.nan) if program.split.nonlinear else products.sum(axis=1)
 
     def share(values: FloatArray, of: FloatArray) -> FloatArray:
@@ -93,24 +138,24 @@ def optimality_of(
     )
 
 
-def _has_slope(program: FrameProgram) -> BoolArray:
+def _has_slope(part: _Part) -> BoolArray:
     """Tell in which frames the objective changes at all, shape (n_frames,)."""
-    half = np.clip(0.5, *program.bounds())
-    return (np.nan_to_num(_objective_gradient(program, half, np.ones(len(half)))) != 0).any(axis=1)
+    half = np.clip(0.5, *part.bounds)
+    return (np.nan_to_num(_objective_gradient(part, half, np.ones(len(half)))) != 0).any(axis=1)
 
 
-def _objective_gradient(program: FrameProgram, unknowns: FloatArray, unit: FloatArray) -> FloatArray:
+def _objective_gradient(part: _Part, unknowns: FloatArray, unit: FloatArray) -> FloatArray:
     """Gradient by the scaled unknowns of the objective of unknowns over unit, shape (n_frames, size)."""
     gradient = np.zeros(unknowns.shape)
-    for _, piece in program.objectives:
-        slopes = evaluate(piece, piece.slope(), unknowns / unit[:, None], program.arrays)[0]
-        for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
-            gradient[side : side + len(part)] += part
+    for _, piece in part.program.objectives:
+        slopes = evaluate(piece, piece.slope(), unknowns / unit[:, None], part.arrays)[0]
+        for side, own in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
+            gradient[side : side + len(own)] += own
     return gradient / unit[:, None]
 
 
 def _reaction(
-    program: FrameProgram, unknowns: FloatArray, table: RowTable, lam: FloatArray, *, is_pair: bool
+    part: _Part, unknowns: FloatArray, table: RowTable, lam: FloatArray, *, is_pair: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Give what rows push with, shape (n_frames, size), products of multipliers and distances, violations.
 
@@ -119,7 +164,7 @@ def _reaction(
     n_frames, size = unknowns.shape
     value = np.zeros(lam.shape)
     own = np.ones(lam.shape)
-    affine = program.split.affine_pairs if is_pair else program.split.affine
+    affine = part.affine[is_pair]
     weights = np.where(affine.is_empty, 0.0, lam[:, affine.rows])
     push = np.zeros((n_frames, size))
     for block in frame_blocks(len(lam)):
@@ -132,10 +177,10 @@ def _reaction(
         push[seen] += (matrix.T @ weights[block].ravel()).reshape(-1, size)
     for _, where in table:
         own[:, where] = own[:, where].max(axis=1, initial=_TINY)[:, None]
-    for piece, rows in program.split.nonlinear:
+    for piece, rows in part.program.split.nonlinear:
         if piece.is_pair != is_pair:
             continue
-        value[:, rows] = piece.values(unknowns, program.arrays)
+        value[:, rows] = piece.values(unknowns, part.arrays)
         weight = ca.SX.sym("multiplier", rows.size)
         weighted = replace(
             piece,
@@ -143,10 +188,10 @@ def _reaction(
             data=(*piece.data, (0, ("judge", "multiplier"))),
             symbols=(*piece.symbols, weight),
         )
-        arrays = {**program.arrays, ("judge", "multiplier"): lam[:, rows]}
+        arrays = {**part.arrays, ("judge", "multiplier"): lam[:, rows]}
         slopes = evaluate(weighted, weighted.slope(), unknowns, arrays)[0]
-        for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
-            push[side : side + len(part)] += part
+        for side, own_slopes in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
+            push[side : side + len(own_slopes)] += own_slopes
     outside = np.maximum(np.maximum(table.lower - value, value - table.upper), 0.0)
     distance = np.where(lam < 0, value - table.lower, table.upper - value)
     product = np.abs(lam) * np.where(np.isfinite(distance), np.abs(distance), 0.0)
