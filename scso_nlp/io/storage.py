@@ -375,25 +375,24 @@ def write_storage(
     _check_names(storage, path)
     if not allow_nonfinite:
         storage.require_finite()
-    rows = (
-        ("\t".join(map(repr, row)) for row in storage.values.tolist())
-        if precision == 17
-        else ("\t".join([f"{value:.{precision}g}" for value in row]) for row in storage.values.tolist())
-    )
+    written = repr if precision == 17 else f"{{:.{precision}g}}".format
+    rows = ("\t".join(map(written, row.tolist())) for row in storage.values)
     description = storage.description
     if description and not description.endswith("\n"):
         description += "\n"
-    text = [
+    head = (
         f"{storage.name}\nversion=1\nnRows={storage.n_frames}\nnColumns={storage.n_columns + 1}\n"
         f"inDegrees={'yes' if storage.assumed_in_degrees else 'no'}\n{description}endheader\n",
         "\t".join(("time", *storage.labels)) + "\n",
-        *(
-            f"{time!r}\t{row}\n" if row else f"{time!r}\n"
-            for time, row in zip(storage.time.tolist(), rows, strict=True)
-        ),
-    ]
-    with write_whole(path) as temporary:
-        temporary.write_bytes("".join(text).encode("utf-8"))
+    )
+    lines = (
+        f"{time!r}\t{row}\n" if row else f"{time!r}\n"
+        for time, row in zip(storage.time.tolist(), rows, strict=True)
+    )
+    # line by line: a long motion would be in memory several times
+    with write_whole(path) as temporary, open(temporary, "x", encoding="utf-8", newline="") as file:
+        file.writelines(head)
+        file.writelines(lines)
 
 
 def _content(path: Path) -> bytes:

@@ -7,7 +7,7 @@ To add one: a function here, its entry in :data:`RESULT_FILES`, a test of what i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
@@ -87,7 +87,7 @@ class ResultFile:
 
     name: str
     holds: str
-    content: Callable[[Solution], Storage | str | None]
+    content: Callable[[Solution], Storage | Iterable[str] | None]
     is_result: bool = True
 
 
@@ -97,8 +97,8 @@ def _activation(solution: Solution) -> Storage:
     return _storage(solution, "Static Optimization", labels, values, _ACTIVATION_DESCRIPTION)
 
 
-def _controls_file(solution: Solution) -> str:
-    """Text of a ControlSet with the same numbers."""
+def _controls_file(solution: Solution) -> Iterator[str]:
+    """Text of a ControlSet with the same numbers, piece by piece."""
     return _controls_xml(*_controls(solution), solution.problem.motion.trajectory.time)
 
 
@@ -160,22 +160,19 @@ def _storage(
     )
 
 
-def _controls_xml(labels: tuple[str, ...], values: FloatArray, time: FloatArray) -> str:
+def _controls_xml(labels: tuple[str, ...], values: FloatArray, time: FloatArray) -> Iterator[str]:
     """Text of a ControlSet with one linear control per actuator, as OpenSim 4.6 writes it."""
-    pieces = [
+    yield (
         '<?xml version="1.0" encoding="UTF-8" ?>\n<OpenSimDocument Version="40600">\n'
         '\t<ControlSet name="Control Set">\n\t\t<objects>\n'
-    ]
+    )
     times = [f"{t:.17g}" for t in time]
     for i, label in enumerate(labels):
-        pieces.append(_CONTROL_HEAD.format(name=quoteattr(label)))
-        pieces += [
-            _CONTROL_NODE.format(time=t, value="NaN" if math.isnan(value) else f"{value:.17g}")
-            for t, value in zip(times, values[:, i].tolist(), strict=True)
-        ]
-        pieces.append(_CONTROL_TAIL)
-    pieces.append("\t\t</objects>\n\t\t<groups />\n\t</ControlSet>\n</OpenSimDocument>\n")
-    return "".join(pieces)
+        yield _CONTROL_HEAD.format(name=quoteattr(label))
+        for t, value in zip(times, values[:, i].tolist(), strict=True):
+            yield _CONTROL_NODE.format(time=t, value="NaN" if math.isnan(value) else f"{value:.17g}")
+        yield _CONTROL_TAIL
+    yield "\t\t</objects>\n\t\t<groups />\n\t</ControlSet>\n</OpenSimDocument>\n"
 
 
 def _stability(solution: Solution) -> Storage | None:

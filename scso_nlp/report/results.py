@@ -14,7 +14,7 @@ import json
 import logging
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -162,7 +162,7 @@ def _put(
     report: Mapping[str, Any],
     folder: Path,
     own: re.Pattern[str],
-    makers: Mapping[str, Callable[[Solution], Storage | str | None]],
+    makers: Mapping[str, Callable[[Solution], Storage | Iterable[str] | None]],
 ) -> None:
     """Put files and report in place of those in a folder that match `own`, or leave those there."""
     new, old = folder / NEW, folder / OLD
@@ -194,11 +194,12 @@ def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:
     remove_empty(folder)
 
 
-def _write(content: Storage | str | None, path: Path) -> None:
+def _write(content: Storage | Iterable[str] | None, path: Path) -> None:
     if isinstance(content, Storage):
         write_storage(content, path, allow_nonfinite=True)
     elif content is not None:
-        path.write_text(content, encoding="utf-8")
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            file.writelines(content)
 
 
 #: How each figure is drawn by :mod:`scso_nlp.figures`, which is handed in because matplotlib takes half a
