@@ -190,18 +190,13 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     affine = (split.affine, split.affine_pairs) if coupled else (split.affine,)
     nonlinear = tuple((piece, rows) for piece, rows in split.nonlinear if coupled or not piece.is_pair)
     parameters: list[ca.MX] = []
-    straight: list[Entries] = []
-    rows: list[ca.MX] = []
-    n_rows = 0
+    straight: list[ca.MX] = []
     for part in affine:
         n = n_frames - part.is_pair
         entries = ca.MX.sym("entries", part.row.size * n)
         parameters.append(entries)
         row, column = part.places(n, size)
-        matrix = Entries(row=row, column=column, values=entries).matrix(part.rows.size * n, x.numel())
-        rows.append(ca.densify(ca.mtimes(matrix, x)))
-        straight.append(Entries(row=n_rows + row, column=column, values=entries))
-        n_rows += part.rows.size * n
+        straight.append(Entries(row=row, column=column, values=entries).matrix(part.rows.size * n, x.numel()))
     weights = ca.MX.sym("frame_weights", 1, n_frames)
     parameters.append(weights.T)
     sizes = None
@@ -229,6 +224,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     ]
     curves = [mapped(piece, by_frame, sizes) for piece, _ in nonlinear]
     f = sum((ca.dot(weight, cost.values) for cost, weight in costs), ca.MX(0))
+    rows = [ca.densify(ca.mtimes(matrix, x)) for matrix in straight]
     g = ca.vertcat(*rows, *(ca.vec(curve.values) for curve in curves))
     p = ca.vertcat(*parameters)
     quadratic = not any(

@@ -69,7 +69,8 @@ class Entries:
         if place.size == first.size:
             order = np.empty(first.size, dtype=np.int64)
             order[first] = np.arange(first.size)
-            return ca.MX(sparsity, self.values[order.tolist()])
+            is_ordered = (order[1:] > order[:-1]).all()
+            return ca.MX(sparsity, self.values if is_ordered else self.values[order.tolist()])
         sums = sp.csc_matrix((np.ones(first.size), (first, np.arange(first.size))))
         pattern = ca.Sparsity(*sums.shape, sums.indptr.tolist(), sums.indices.tolist())
         return ca.MX(sparsity, ca.densify(ca.mtimes(ca.DM(pattern, sums.data), self.values)))
@@ -83,7 +84,7 @@ def derivative_functions(
     g: ca.MX,
     size: int,
     costs: Sequence[tuple[Mapped, ca.MX]],
-    affine: Sequence[Entries],
+    affine: Sequence[ca.MX],
     nonlinear: Sequence[Mapped],
 ) -> dict[str, ca.Function]:
     """Make the functions that IPOPT asks for, by their names in CasADi's options.
@@ -98,8 +99,8 @@ def derivative_functions(
         Unknowns of a frame.
     costs : sequence of (Mapped, ca.MX)
         Objectives with the weights of their frames, shape (1, n).
-    affine : sequence of Entries
-        The Jacobian of the affine rows.
+    affine : sequence of ca.MX
+        Matrices of the affine rows.
     nonlinear : sequence of Mapped
 
     Returns
@@ -113,8 +114,8 @@ def derivative_functions(
     for mapped, weights in costs:
         slope += _by_frame(_times(mapped.chain * weights, mapped.outputs(mapped.piece.slope())), size)
         curvature.append(_curvature(mapped, size, lam_f * mapped.chain**2 * weights, ca.MX.ones(1, mapped.n)))
-    jacobian = list(affine)
-    first = g.numel() - sum(mapped.piece.expression.numel() * mapped.n for mapped in nonlinear)
+    jacobian: list[Entries] = []
+    n_affine = first = sum(matrix.size1() for matrix in affine)
     for mapped in nonlinear:
         n_rows = mapped.piece.expression.numel()
         derivatives = first_order(mapped.piece)
@@ -122,7 +123,7 @@ def derivative_functions(
         frame = np.arange(mapped.n)[:, None]
         jacobian.append(
             Entries(
-                row=(first + frame * n_rows + derivatives.row).ravel(),
+                row=(first - n_affine + frame * n_rows + derivatives.row).ravel(),
                 column=(frame * size + derivatives.column).ravel(),
                 values=ca.vec(_times(mapped.chain, entries)),
             )
@@ -130,9 +131,10 @@ def derivative_functions(
         multipliers = ca.reshape(lam_g[first : first + n_rows * mapped.n], n_rows, mapped.n)
         curvature.append(_curvature(mapped, size, mapped.chain**2, multipliers))
         first += n_rows * mapped.n
+    curved_rows = _joined(jacobian).matrix(g.numel() - n_affine, x.numel())
     return {
         "grad_f": ca.Function("nlp_grad_f", [x, p], [f, ca.vec(slope)]),
-        "jac_g": ca.Function("nlp_jac_g", [x, p], [g, _joined(jacobian).matrix(g.numel(), x.numel())]),
+        "jac_g": ca.Function("nlp_jac_g", [x, p], [g, ca.vertcat(*affine, curved_rows)]),
         "hess_lag": ca.Function(
             "nlp_hess_lag", [x, p, lam_f, lam_g], [_joined(curvature).matrix(x.numel(), x.numel())]
         ),

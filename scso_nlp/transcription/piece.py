@@ -96,7 +96,7 @@ def second_order(piece: Piece, x: ca.SX | None = None) -> Derivatives:
 
 def _derivatives(piece: Piece, value: ca.SX, matrix: ca.SX) -> Derivatives:
     row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
-    entries = ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+    entries = matrix.nz[:] if matrix.nnz() else ca.SX(0, 1)
     function = piece.function(ca.densify(value), entries)
     return Derivatives(piece=piece, values=value, entries=entries, function=function, row=row, column=column)
 

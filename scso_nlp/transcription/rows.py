@@ -325,14 +325,18 @@ def split_table(
             which = np.flatnonzero(is_curved)
             nonlinear.append((replace(scaled, expression=scaled.expression[which.tolist()]), here[which]))
     nothing = np.zeros(0, dtype=np.int64)
-    row, rows = np.concatenate([nothing, *row_parts]), np.concatenate([nothing, *numbers])
+    row, column = np.concatenate([nothing, *row_parts]), np.concatenate([nothing, *column_parts])
+    order = np.lexsort((row, column))  # as sparse matrices have them
+    row, column, rows = row[order], column[order], np.concatenate([nothing, *numbers])
     values = np.concatenate([np.zeros((n, 0)), *value_parts], axis=1)
+    if (order[1:] < order[:-1]).any():
+        values = values[:, order]
     is_empty = np.ones((n, len(table)), dtype=bool)
     for part in frame_blocks(n):
         is_empty[part] = _added(values[part] != 0, row, len(table)) == 0
     affine = AffineRows(
         row=row,
-        column=np.concatenate([nothing, *column_parts]),
+        column=column,
         values=values,
         constant=np.concatenate([np.zeros((n, 0)), *constant_parts], axis=1),
         rows=rows,
