@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis, frame_edges
+from scso_nlp.figures.scales import Scales
 from scso_nlp.figures.style import RESOLUTION, TEXT, SeriesStyle, literal, panel_title, quiet_axes
 from scso_nlp.validation import FloatArray
 
@@ -78,6 +79,7 @@ def panel_grid(
     panels = panels[:n_panels]
     for i, (panel, title) in enumerate(zip(panels, titles, strict=True)):
         quiet_axes(panel)
+        Scales(panel)
         panel_title(panel, title)
         panel.tick_params(
             labelbottom=i + n_columns >= n_panels,  # lowest panel of its column, also above an empty place

@@ -79,8 +79,8 @@ def literal(text: str) -> str:
 
 
 def panel_title(panel: Axes, text: str) -> None:
-    """Write the title of one panel above its left end."""
-    panel.set_title(literal(text), fontsize=TEXT, loc="left", pad=3)
+    """Write the title of one panel above its left end, at a fixed place: looking for one is slow."""
+    panel.set_title(literal(text), fontsize=TEXT, loc="left", pad=3, y=1.0)
 
 
 def quiet_axes(panel: Axes) -> None:
@@ -90,5 +90,5 @@ def quiet_axes(panel: Axes) -> None:
     panel.grid(color="0.9", linewidth=0.6)
     panel.set_axisbelow(True)
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
         axis.get_offset_text().set_fontsize(TEXT - 1)
