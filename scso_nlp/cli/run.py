@@ -32,13 +32,14 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         settings, where = read_settings(source, changes)
         refuse_unwritable(where.folder_for(settings.motion.name).absolute())
         result = solve(settings, where)
-        files = write_run(result, where)
-        _report(result, files)
+        # known now; figures take longer than solving
+        _tell_answer(result)
+        _tell_files(result, write_run(result, where))
         if not result.solution.verdict.is_clean:
             raise typer.Exit(FRAME_FAILED)
 
 
-def _report(result: RunResult, files: tuple[Path, ...]) -> None:
+def _tell_answer(result: RunResult) -> None:
     solution = result.solution
     trajectory = solution.problem.motion.trajectory
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
@@ -46,11 +47,17 @@ def _report(result: RunResult, files: tuple[Path, ...]) -> None:
         typer.echo(f"  {line}")
     for reason in (*solution.shortfalls[1:5], *solution.contradictions[:1]):
         typer.echo(f"  {reason}", err=True)
-    report = solution.report
-    seconds = {**result.record.seconds, "solve": report.build_seconds + report.solve_seconds}
-    typer.echo("  " + ", ".join(f"{what} {value:.2f} s" for what, value in seconds.items()))
+
+
+def _tell_files(result: RunResult, files: tuple[Path, ...]) -> None:
+    """Say where the files are, and what each stage of the run took: the times of the report."""
+    from scso_nlp.report.folder import read_report
+
+    folder = files[-1].parent
+    seconds = (read_report(folder) or {}).get("seconds", {})
+    typer.echo("  " + ", ".join(f"{stage} {value:.2f} s" for stage, value in seconds.items()))
     has_results = any("_activation" in path.name for path in files)
     kind = "results" if has_results else "status and report, no results,"
-    typer.echo(f"  {kind} in {files[-1].parent}")
+    typer.echo(f"  {kind} in {folder}")
     for note in result.settings.notes:
         typer.echo(f"  {note}")

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy import signal
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, FileFormatError
@@ -410,6 +409,9 @@ def _zero_lag(
     values: FloatArray, step: float, frequency: float, order: int, kind: str, source: str
 ) -> FloatArray:
     """Filter forwards and backwards, 3 dB down at `frequency` after both runs."""
+    # takes as long to import as matplotlib, and figures without EMG come by here
+    from scipy import signal
+
     # |H|^4 = 1/2 at the frequency: the one-way cut-off is moved by (sqrt 2 - 1)^(1 / 2 order), on the
     # frequency axis that the bilinear transform warps
     shift = (math.sqrt(2) - 1) ** (1 / (2 * order))

@@ -54,11 +54,14 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     )
     panel = figure.subplots()
     limit = float(np.abs(shown).max()) or 1.0
-    image = panel.imshow(shown, cmap="RdBu", norm=Normalize(-limit, limit), aspect="auto")
-    panel.set_xticks(np.arange(n_columns), names, rotation=90, fontsize=style.TEXT - 1)
+    cells = panel.pcolormesh(
+        shown, cmap="RdBu", norm=Normalize(-limit, limit), edgecolors="white", linewidth=0.8
+    )
+    panel.invert_yaxis()
+    panel.set_xticks(np.arange(n_columns) + 0.5, names, rotation=90, fontsize=style.TEXT - 1)
     loads = contributions.constant[solved].mean(axis=0)
     panel.set_yticks(
-        np.arange(n_rows),
+        np.arange(n_rows) + 0.5,
         [
             f"{style.literal(row)}  (load {_whole(load)})"
             for row, load in zip(contributions.rows, loads, strict=True)
@@ -70,19 +73,16 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
             for c in range(n_columns):
                 dark = abs(shown[r, c]) > 0.55 * limit
                 panel.text(
-                    c, r, _whole(shown[r, c]), ha="center", va="center", fontsize=style.TEXT - 2.5,
+                    c + 0.5, r + 0.5, _whole(shown[r, c]), ha="center", va="center", fontsize=style.TEXT - 2.5,
                     color="white" if dark else "black",
                 )  # fmt: skip
-    panel.set_xticks(np.arange(n_columns + 1) - 0.5, minor=True)
-    panel.set_yticks(np.arange(n_rows + 1) - 0.5, minor=True)
-    panel.grid(which="minor", color="white", linewidth=0.8)
-    panel.tick_params(which="both", length=0)
+    panel.tick_params(length=0)
     title = "What each muscle adds to the stability of each axis"
     if n_columns < len(contributions.muscles):
         title += f" ({n_columns} of {len(contributions.muscles)} muscles)"
     # of the figure, not of the panel: the panel may be narrower than the text
     figure.suptitle(title, fontsize=style.TEXT + 1, x=0.01, ha="left")
-    bar = figure.colorbar(image, ax=panel, shrink=0.9)
+    bar = figure.colorbar(cells, ax=panel, shrink=0.9)
     bar.set_label("N·m/rad", fontsize=style.TEXT)
     bar.ax.tick_params(labelsize=style.TEXT - 1)
     return figure

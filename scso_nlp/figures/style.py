@@ -90,5 +90,5 @@ def quiet_axes(panel: Axes) -> None:
     panel.grid(color="0.9", linewidth=0.6)
     panel.set_axisbelow(True)
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axis.get_offset_text().set_fontsize(TEXT - 1)

@@ -14,6 +14,7 @@ import json
 import logging
 import os
 import re
+import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -129,15 +130,16 @@ def write_solution(
             place = kept
             if worth(kept) > (COMPLETE if is_complete else WITH_GAPS if has_results else NO_RESULTS):
                 place = kept / FAILED
-            _put(solution, report, place, own, makers)
+            report = _put(solution, report, place, own, makers)
             if place == kept:
                 _remove_failed(kept / FAILED, name, own)
             else:
                 _LOG.warning("this run is in %s, because it failed: earlier results in %s stay", place, kept)
             if has_results and figures:
+                started = time.perf_counter()
                 _write_figures(solution, place, baseline)
                 try:
-                    _write_report(report, place, own)
+                    _write_report(_with_seconds(report, figures=time.perf_counter() - started), place, own)
                 except DataError as error:
                     _LOG.warning("the report lacks the figures: %s", error)
             return tuple(place / file for file in (*_found(place, own), REPORT))
@@ -163,13 +165,18 @@ def _put(
     folder: Path,
     own: re.Pattern[str],
     makers: Mapping[str, Callable[[Solution], Storage | Iterable[str] | None]],
-) -> None:
-    """Put files and report in place of those in a folder that match `own`, or leave those there."""
+) -> Mapping[str, Any]:
+    """Put files and report in place of those in a folder that match `own`, or leave those there.
+
+    Returns the report as it was written, with the time that the other files took.
+    """
     new, old = folder / NEW, folder / OLD
     try:
         new.mkdir(parents=True)
+        started = time.perf_counter()
         for file, make in makers.items():
             _write(make(solution), new / file)
+        report = _with_seconds(report, writing=time.perf_counter() - started)
         _write_report(report, new, own)
         old.mkdir()
         for file in (REPORT, *_found(folder, own)):
@@ -182,6 +189,7 @@ def _put(
             settle(folder)
         if folder.name == FAILED:
             remove_empty(folder)
+    return report
 
 
 def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:
@@ -230,6 +238,10 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
     name = solution.problem.motion.name
     for what, draw in FIGURES.items():
         figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
+
+
+def _with_seconds(report: Mapping[str, Any], **seconds: float) -> dict[str, Any]:
+    return {**report, "seconds": {**report["seconds"], **seconds}}
 
 
 def _write_report(report: Mapping[str, Any], folder: Path, own: re.Pattern[str]) -> None:

@@ -15,7 +15,7 @@ def test_the_heat_map_shows_the_mean_of_the_solved_frames_of_the_muscles_that_ma
     shares = row_contributions(solution)
     figure = drawn(plot_contributions(shares, most_muscles=2))
     assert "2 of 4 muscles" in figure.get_suptitle()
-    shown = figure.axes[0].images[0].get_array()
+    shown = figure.axes[0].collections[0].get_array()
     assert shown.shape == (2, 2)
     kept = [label.get_text() for label in figure.axes[0].get_xticklabels()]
     columns = [shares.muscles.index(name) for name in kept]
