@@ -73,8 +73,8 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
             for c in range(n_columns):
                 dark = abs(shown[r, c]) > 0.55 * limit
                 panel.text(
-                    c + 0.5, r + 0.5, _whole(shown[r, c]), ha="center", va="center", fontsize=style.TEXT - 2.5,
-                    color="white" if dark else "black",
+                    c + 0.5, r + 0.5, _whole(shown[r, c]), ha="center", va="center",
+                    fontsize=style.TEXT - 2.5, color="white" if dark else "black",
                 )  # fmt: skip
     panel.tick_params(length=0)
     title = "What each muscle adds to the stability of each axis"

@@ -165,7 +165,7 @@ def _put(
     folder: Path,
     own: re.Pattern[str],
     makers: Mapping[str, Callable[[Solution], Storage | Iterable[str] | None]],
-) -> Mapping[str, Any]:
+) -> dict[str, Any]:
     """Put files and report in place of those in a folder that match `own`, or leave those there.
 
     Returns the report as it was written, with the time that the other files took.
@@ -176,8 +176,8 @@ def _put(
         started = time.perf_counter()
         for file, make in makers.items():
             _write(make(solution), new / file)
-        report = _with_seconds(report, writing=time.perf_counter() - started)
-        _write_report(report, new, own)
+        told = _with_seconds(report, writing=time.perf_counter() - started)
+        _write_report(told, new, own)
         old.mkdir()
         for file in (REPORT, *_found(folder, own)):
             with contextlib.suppress(FileNotFoundError):
@@ -189,7 +189,7 @@ def _put(
             settle(folder)
         if folder.name == FAILED:
             remove_empty(folder)
-    return report
+    return told
 
 
 def _remove_failed(folder: Path, name: str, own: re.Pattern[str]) -> None:

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
+import scso_nlp.run
 from scso_nlp.cli import app
 from scso_nlp.declared_settings import SETTINGS, reference, template
 from scso_nlp.examples import example_folder, example_names
@@ -80,6 +82,38 @@ def test_an_example_runs_to_files_and_figures(tmp_path):
         assert "spine_load_height_activations.png" in found
     assert "spine_load_height_stability.sto" in files(folder / "with_stability")
     assert len([line for line in done.stdout.splitlines() if line.count("lumbar_pelvis_") == 2]) == 10
+
+
+def test_a_run_tells_its_answer_before_files_and_figures_and_then_what_each_stage_took(spine, monkeypatch):
+    write = scso_nlp.run.write_run
+
+    def late(*arguments):
+        typer.echo("now the files")
+        return write(*arguments)
+
+    monkeypatch.setattr("scso_nlp.run.write_run", late)
+    done = scso("run", "setup.xml", "--stability", "potvin-brown", "--output", "results", cwd=spine)
+    assert done.returncode == 0
+    before, after = done.stdout.split("now the files\n")
+    assert "all 10 frames solved" in before
+    assert "least margin" in before
+    seconds = json.loads((spine / "results" / "report.json").read_text())["seconds"]
+    assert list(seconds) == ["extraction", "baseline", "build", "solve", "writing", "figures"]
+    assert after.splitlines()[0] == "  " + ", ".join(f"{k} {v:.2f} s" for k, v in seconds.items())
+
+
+def test_a_run_without_figures_imports_nothing_that_only_they_need(spine):
+    heavy = {"matplotlib", "scipy.signal", "scipy.stats", "PIL"}
+    check = f"""
+import sys
+from scso_nlp.cli import app
+app(["run", "setup.xml", "--output", "results", *sys.argv[1:]], standalone_mode=False)
+print(sorted({heavy} & set(sys.modules)))
+"""
+    for options, loaded in ((["--no-figures"], []), ([], ["PIL", "matplotlib"])):
+        command = [sys.executable, "-c", check, *options]
+        done = subprocess.run(command, cwd=spine, capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == str(loaded)
 
 
 def test_a_plain_setup_file_gives_results_and_exit_code_0(spine):

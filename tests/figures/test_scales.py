@@ -21,8 +21,8 @@ def panels():
 
 def labels(scales):
     """Text and box of every label, the box relative to the panel."""
-    drawn(scales.axes.get_figure())
-    corner = scales.axes.bbox.p0
+    drawn(scales._panel.figure)
+    corner = scales._panel.bbox.p0
     texts = [part for part in scales._parts() if isinstance(part, Text)]
     return {text.get_text(): text.get_window_extent().get_points() - corner for text in texts}
 
@@ -88,8 +88,8 @@ def test_a_common_factor_is_written_and_covers_no_title():
 
 def grid_lines(scales):
     """Ends of the grid's lines [pixels of the panel]."""
-    drawn(scales.axes.get_figure())
-    return scales._parts()[0].get_path().vertices.reshape(-1, 2, 2) - scales.axes.bbox.p0
+    drawn(scales._panel.figure)
+    return scales._parts()[0].get_path().vertices.reshape(-1, 2, 2) - scales._panel.bbox.p0
 
 
 def test_the_grid_covers_the_panel_and_can_be_turned_off_along_one_axis():

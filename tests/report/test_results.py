@@ -11,6 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,22 @@ def test_what_fails_in_a_figure_costs_that_figure_alone(tmp_path, monkeypatch, c
     assert "the figure antagonists_moments is left out: no such glyph" in caplog.text
     report = json.loads((tmp_path / "results" / "report.json").read_text())
     assert set(report["files_sha256"]) == left - {"report.json"}
+
+
+def test_the_report_is_there_before_figures_and_says_in_the_end_how_long_they_took(tmp_path, monkeypatch):
+    folder, before = tmp_path / "results", {}
+
+    def slow(*_, **__):
+        before.update(json.loads((folder / "report.json").read_text()))
+        time.sleep(0.2)
+
+    monkeypatch.setattr("scso_nlp.figures.plot_moments", slow)
+    write_solution(solution_by_hand(stability=False), folder)
+    report = json.loads((folder / "report.json").read_text())
+    assert list(before["seconds"]) == ["build", "solve", "writing"]
+    assert set(before["files_sha256"]) == (RESULTS | ALWAYS) - {"report.json"}
+    assert report["seconds"].pop("figures") > 0.2
+    assert report["seconds"] == before["seconds"]
 
 
 def test_dollars_in_names_are_dollars_in_figures(tmp_path, caplog):
