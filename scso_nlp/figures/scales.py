@@ -101,9 +101,9 @@ class _Ticks:
         self.places: list[float] = places[shown].tolist()
         self.labels = [label for label, is_shown in zip(labels, shown, strict=True) if is_shown]
         self.factor = formatter.get_offset()
-        look = axis.get_tick_params()
-        self.has_grid, self.label_size = look["gridOn"], look["labelsize"]
-        self.has_labels = look["labelleft" if along else "labelbottom"]
+        (look,) = axis.get_major_ticks(1)
+        self.has_grid, self.has_labels = look.gridline.get_visible(), look.label1.get_visible()
+        self.label_size = look.label1.get_fontsize()
 
 
 def _lines(ends: list[tuple[tuple[float, float], tuple[float, float]]], **look: Any) -> PathPatch:
