@@ -6,6 +6,7 @@ solution alone (activations, moments, stability margins) are in :mod:`scso_nlp.f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from scso_nlp.emg.comparison import EMG_LABEL, Comparison
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis, horizontal_axis
-from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
+from scso_nlp.figures.grid import add_legend, draw_curve, legend_entries, panel_grid
 from scso_nlp.figures.style import (
     BASELINE,
     EMG_COLOR,
@@ -34,6 +35,8 @@ from scso_nlp.validation import FloatArray, read_only
 
 #: Activations that stay below this are drawn on a scale up to this value [-].
 LEAST_SCALE = 0.1
+#: More groups than this get another row of bars.
+MOST_IN_A_ROW = 24
 
 
 def plot_activity(comparison: Comparison, *, horizontal: HorizontalAxis | None = None) -> Figure:
@@ -85,28 +88,38 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Whiskers on EMG bars: standard deviation over the frames.
+        Whiskers on EMG bars: standard deviation over the frames. Many groups stand in several rows.
     """
     used = comparison.is_used
     names = [literal(name) for name in comparison.group_names]
     n_bars = len(comparison.labels) + (comparison.emg is not None)
-    width = max(5.0, 0.9 + len(names) * (0.25 + 0.16 * n_bars))
-    figure = Figure(figsize=(width, 3.6), dpi=RESOLUTION, layout="constrained")
-    panel = figure.subplots()
-    quiet_axes(panel)
-    _draw_bars(
-        panel,
-        {label: activity[used].mean(axis=0) for label, activity in comparison.activity.items()},
-        None if comparison.emg is None else comparison.emg[used].mean(axis=0),
-        None if comparison.emg is None or used.sum() < 2 else comparison.emg[used].std(axis=0),
-        hatched=True,
-    )
-    panel.set_xticks(range(len(names)), names, rotation=35, ha="right", fontsize=TEXT)
-    panel.set_ylim(bottom=0)
-    panel.set_ylabel("Mean activation [-]", fontsize=TEXT + 1)
+    rows = np.array_split(np.arange(len(names)), math.ceil(len(names) / MOST_IN_A_ROW))
+    width = max(5.0, 0.9 + len(rows[0]) * (0.25 + 0.16 * n_bars))
+    figure = Figure(figsize=(width, 0.8 + 2.8 * len(rows)), dpi=RESOLUTION, layout="constrained")
+    panels = figure.subplots(len(rows), squeeze=False, sharey=True)[:, 0]
+    means = {label: activity[used].mean(axis=0) for label, activity in comparison.activity.items()}
+    measured = None if comparison.emg is None else comparison.emg[used].mean(axis=0)
+    deviation = None if comparison.emg is None or used.sum() < 2 else comparison.emg[used].std(axis=0)
+    for panel, row in zip(panels, rows, strict=True):
+        quiet_axes(panel)
+        _draw_bars(
+            panel,
+            {label: mean[row] for label, mean in means.items()},
+            None if measured is None else measured[row],
+            None if deviation is None else deviation[row],
+            hatched=True,
+        )
+        panel.set_xticks(range(len(row)), [names[g] for g in row], rotation=35, ha="right", fontsize=TEXT)
+        panel.set_xlim(-0.6, len(rows[0]) - 0.4)
+        panel.set_ylim(bottom=0)
+        panel.set_ylabel("Mean activation [-]", fontsize=TEXT + 1)
     title = literal(f"{comparison.results[0].name}: mean over the motion")
-    panel.set_title(title, fontsize=TEXT + 2, loc="left")
-    figure.legend(loc="outside lower center", ncols=min(n_bars, 6), fontsize=TEXT, frameon=False)
+    panels[0].set_title(title, fontsize=TEXT + 2, loc="left")
+    entries = legend_entries(figure)
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=min(n_bars, 6),
+        fontsize=TEXT, frameon=False,
+    )  # fmt: skip
     return figure
 
 

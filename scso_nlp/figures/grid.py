@@ -129,10 +129,7 @@ def draw_curve(
 def add_legend(figure: Figure) -> None:
     """Put one legend below all panels, with every label once; after all is drawn."""
     width, height = figure.get_size_inches()
-    entries: dict[str, Artist] = {}
-    for panel in figure.axes:
-        for artist, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, artist)
+    entries = legend_entries(figure)
     if not entries:
         return
     widths = [_HANDLE + _CHARACTER * len(label) for label in entries]
@@ -141,6 +138,15 @@ def add_legend(figure: Figure) -> None:
         list(entries.values()), list(entries), loc="lower center", ncols=n_columns,
         bbox_to_anchor=(0.5, 0.06 / height), fontsize=TEXT, frameon=False,
     )  # fmt: skip
+
+
+def legend_entries(figure: Figure) -> dict[str, Artist]:
+    """Find what stands for each label, in the first panel that has it."""
+    entries: dict[str, Artist] = {}
+    for panel in figure.axes:
+        for artist, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, artist)
+    return entries
 
 
 def _limits(x: FloatArray) -> tuple[float, float]:

@@ -78,6 +78,23 @@ def test_mean_bars_are_the_means():
     assert len(emg) == 1
 
 
+def test_many_groups_stand_in_rows_of_bars_on_one_scale():
+    names = tuple(f"muscle_{m}" for m in range(60))
+    activation = np.linspace(0.1, 0.7, 60) * np.ones((len(TIME), 1))
+    result = MotionResult(
+        label="SO", name="walk", time=TIME, muscles=names, activation=activation,
+        is_solved=np.ones(len(TIME), dtype=bool), report={},
+    )  # fmt: skip
+    figure = drawn(plots.plot_mean_activity(compare([result])))
+    assert len(figure.axes) == 3
+    shown = [tick.get_text() for panel in figure.axes for tick in panel.get_xticklabels()]
+    heights = [bar.get_height() for panel in figure.axes for bar in panel.containers[0]]
+    assert tuple(shown) == names
+    np.testing.assert_allclose(heights, activation[0])
+    assert len({panel.get_ylim() for panel in figure.axes}) == 1
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["SO"]
+
+
 def test_task_bars_stand_for_every_task_and_mark_what_was_not_solved():
     time = np.arange(4.0)
     solved = np.array([True, True, False, True])
