@@ -93,5 +93,8 @@ def shade_failed(panel: Axes, x: FloatArray, is_solved: BoolArray) -> None:
     edges = frame_edges(x)
     failed = np.concatenate(([False], ~is_solved, [False]))
     starts, stops = np.flatnonzero(failed[1:] & ~failed[:-1]), np.flatnonzero(failed[:-1] & ~failed[1:])
-    for start, stop in zip(starts, stops, strict=True):
-        panel.axvspan(edges[start], edges[stop], color="0.8", linewidth=0, zorder=0, label="not solved")
+    if starts.size:
+        panel.broken_barh(
+            list(zip(edges[starts], edges[stops] - edges[starts], strict=True)), (0, 1), zorder=0,
+            transform=panel.get_xaxis_transform(), color="0.8", linewidth=0, label="not solved",
+        )  # fmt: skip

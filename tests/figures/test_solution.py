@@ -47,9 +47,12 @@ def test_frames_that_are_not_solved_are_blank_and_shaded():
         panel = figure.axes[0]
         curve = lines(panel)["solution" if "solution" in lines(panel) else "with stability rows"]
         assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [2, 3, 6]
-        spans = [patch for patch in panel.patches if patch.get_label() == "not solved"]
-        # 2 and 3 share one span, 6 has its own
-        assert len(spans) == 2
+        (shade,) = [spans for spans in panel.collections if spans.get_label() == "not solved"]
+        # 2 and 3 share one span, 6 has its own; half a frame around them, from the lower to the upper end
+        ends = [(path.vertices.min(axis=0), path.vertices.max(axis=0)) for path in shade.get_paths()]
+        frame = curve.get_xdata()[1] - curve.get_xdata()[0]
+        spans = [[(1.5 * frame, 0), (3.5 * frame, 1)], [(5.5 * frame, 0), (6.5 * frame, 1)]]
+        np.testing.assert_allclose(ends, spans)
 
 
 def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
