@@ -55,4 +55,5 @@ def report(
             for what in _PICTURES
         ]
         write_report(comparison, output, pictures=[path for path in pictures if os.path.isfile(path)])
-        typer.echo(f"{output}: {len(comparison.results)} results, {output.stat().st_size / 1e6:.2g} MB")
+        n = len(comparison.results)
+        typer.echo(f"{output}: {n} result{'s' if n > 1 else ''}, {output.stat().st_size / 1e6:.2g} MB")

@@ -25,6 +25,7 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
 from scso_nlp.figures.frames import FEW_FRAMES
 from scso_nlp.files import read_bytes, write_whole
+from scso_nlp.trajectory import time_text
 
 #: A figure larger than this as a vector is embedded as pixels instead [bytes].
 LARGEST_VECTOR = 400_000
@@ -125,7 +126,7 @@ def render_report(
 def _extent(comparison: Comparison) -> str:
     used, n_frames = int(comparison.is_used.sum()), len(comparison.time)
     first, last = float(comparison.time[0]), float(comparison.time[-1])
-    return f"{n_frames} frames over {last - first:.4g} s, from t = {first:.14g} s. " + (
+    return f"{n_frames} frames over {last - first:.4g} s, from t = {time_text(first)} s. " + (
         "All frames are used below."
         if used == n_frames
         else f"Tables use the {used} frames that all results have solved."
