@@ -224,7 +224,7 @@ def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in
     }
     assert missing <= {
         *("run.motion", "run.options", "run.analysis_name", "run.sources", "run.notes"),
-        *("motion.stability_axes", "motion.curvature_coordinates"),
+        *("motion.stability_axes", "motion.curvature_coordinates", "motion.muscle_paths"),
         *("stability.passive_matrix", "stability.model_passive", "stability.label"),
         "options.ipopt",
     }
