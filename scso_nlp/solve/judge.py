@@ -287,7 +287,7 @@ def _missed_eigenvalues(program: FrameProgram, unknowns: FloatArray) -> FloatArr
     for model in matrix_models(program):
         with one_thread():
             least = np.linalg.eigvalsh(model.value(unknowns, program.arrays))[:, 0]
-        sizes = matrix_sizes(program, model, unknowns)
+        sizes = matrix_sizes(program, model, unknowns, np.arange(len(unknowns)))
         worst = np.maximum(worst, np.maximum(-least, 0.0) / np.where(sizes > 0, sizes, 1.0))
     return worst
 
@@ -305,7 +305,7 @@ def _observed_matrices(
 def _matrix_result(
     program: FrameProgram, block: MatrixBlock, unknowns: FloatArray, missing: BoolArray
 ) -> MatrixResult:
-    value = block.filled(block.piece.values(unknowns, program.arrays))
+    value = block.value(unknowns, program.arrays)
     missed = np.zeros(len(unknowns))
     if block.missed is not None:
         missed = block.scale * unknowns[:, block.missed]

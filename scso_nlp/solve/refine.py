@@ -14,7 +14,7 @@ import numpy as np
 from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
 from scso_nlp.solve.local_model import LocalModel, Quadratic
 from scso_nlp.solve.threads import one_thread
-from scso_nlp.transcription.turns import MatrixModel, entry_sizes, matrix_sizes
+from scso_nlp.transcription.turns import MatrixModel, matrix_sizes
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: An eigenvalue below zero by less than this share of its scale counts as kept [-].
@@ -96,7 +96,7 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         value = matrix.value(unknowns, model.program.arrays)
         with one_thread():
             values, vectors = np.linalg.eigh(np.where(usable[:, None, None], value, 0.0))
-        kept = _tolerance(matrix, matrix_sizes(model.program, matrix, unknowns))
+        kept = _tolerance(matrix, matrix_sizes(model.program, matrix, unknowns, np.arange(len(unknowns))))
         negative = values < -kept[:, None]
         if not negative.any():
             continue
@@ -160,7 +160,7 @@ def _deciding_turns(
                 best = highest_eigenvalues(raised)
             least = np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0]
             short = np.zeros(lost.size, dtype=bool)
-            sizes = entry_sizes(raised.constant, raised.matrices, np.nan_to_num(best.x))[best.is_solved]
+            sizes = matrix_sizes(model.program, matrix, np.nan_to_num(best.x), part[lost])[best.is_solved]
             short[best.is_solved] = least < -_tolerance(matrix, sizes)
             beyond = part[lost[short]]
             multiplier[beyond], found[beyond] = best.multiplier[short], True
