@@ -162,10 +162,10 @@ def _solve_rounds(
     """Solve, and solve again while matrix inequalities need more rows."""
     started = time.perf_counter()
     start = starting_point(program, guess)
-    model, turns = None, Turns()
+    model, turns, known = None, Turns(), None
     if program.matrices:
         model = local_model(program)
-        turns = foreseen_turns(model, start)
+        turns, known = foreseen_turns(model, start)
     effort.build_seconds += time.perf_counter() - started
     if guess is None:
         problem = program.problem
@@ -175,8 +175,15 @@ def _solve_rounds(
         rows = program if model is None else with_turns(program, model.matrices, turns.turns)
         effort.build_seconds += time.perf_counter() - started
         outcome = solve_rows(
-            rows, start, together=together, doubtful=turns.doubtful, options=options, effort=effort
+            rows,
+            start,
+            together=together,
+            doubtful=turns.doubtful,
+            options=options,
+            effort=effort,
+            known=known,
         )
+        known = None
         if model is None:
             return outcome, rounds
         started = time.perf_counter()
