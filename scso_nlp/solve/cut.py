@@ -15,6 +15,7 @@ import numpy as np
 from scso_nlp.solve.local_model import LocalModel
 from scso_nlp.solve.presolve import FRAMES_AT_ONCE, Block, ConvexObjective, Start, presolve
 from scso_nlp.solve.threads import one_thread
+from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.turns import MatrixModel, matrix_sizes, part_of
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -75,15 +76,15 @@ def cut(model: LocalModel, start: FloatArray) -> Cut:
     program, n = model.program, len(start)
     every = np.arange(n)
     found = presolve(program, start, every)
-    below = np.zeros(n, dtype=bool)
-    allowed = tuple(
-        eigenvalue_tolerance(matrix, matrix_sizes(program, matrix, found.unknowns, every))
-        for matrix in model.matrices
-    )
-    for matrix, most in zip(model.matrices, allowed, strict=True):
+    least = []
+    for matrix in model.matrices:
         with one_thread():
-            least = np.linalg.eigvalsh(matrix.value(found.unknowns, program.arrays))[:, 0]
-        below |= least < -most
+            least.append(np.linalg.eigvalsh(matrix.value(found.unknowns, program.arrays))[:, 0])
+    lowest = np.min(least, axis=0)
+    allowed = [
+        allowed_below_zero(program, matrix, found.unknowns, every, lowest) for matrix in model.matrices
+    ]
+    below = np.any([value < -most for value, most in zip(least, allowed, strict=True)], axis=0)
     below &= found.is_optimal
     is_found = found.is_optimal & ~below
     sizes = [len(matrix.block.names) for matrix in model.matrices]
@@ -115,7 +116,7 @@ class _Cutting:
         objective: ConvexObjective,
         frames: IntArray,
         plain: Start,
-        allowed: tuple[FloatArray, ...],
+        allowed: list[FloatArray],
     ) -> None:
         program = model.program
         self.matrices, self.affine = model.matrices, program.split.affine.rows
@@ -216,10 +217,15 @@ def _turns_of(vectors: FloatArray, count: IntArray, with_sums: BoolArray) -> Flo
     return turns
 
 
-def eigenvalue_tolerance(matrix: MatrixModel, sizes: FloatArray) -> FloatArray:
-    """By how much an eigenvalue may be below zero in each frame, shape (n_frames,)."""
-    least, most = _SHARES_OF_ENTRIES
-    return np.clip(EIGENVALUE_TOLERANCE * matrix.block.scale, least * sizes, most * sizes)
+def allowed_below_zero(
+    program: FrameProgram, matrix: MatrixModel, unknowns: FloatArray, frames: IntArray, least: FloatArray
+) -> FloatArray:
+    """Say how far the least eigenvalues of some frames may be below zero; 0 where they are not."""
+    allowed, below = np.zeros(frames.size), np.flatnonzero(least < 0)
+    sizes = matrix_sizes(program, matrix, unknowns[below], frames[below])
+    smallest, largest = _SHARES_OF_ENTRIES
+    allowed[below] = np.clip(EIGENVALUE_TOLERANCE * matrix.block.scale, smallest * sizes, largest * sizes)
+    return allowed
 
 
 def sums_and_differences(r: int) -> FloatArray:

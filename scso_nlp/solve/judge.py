@@ -287,8 +287,9 @@ def _missed_eigenvalues(program: FrameProgram, unknowns: FloatArray) -> FloatArr
     for model in matrix_models(program):
         with one_thread():
             least = np.linalg.eigvalsh(model.value(unknowns, program.arrays))[:, 0]
-        sizes = matrix_sizes(program, model, unknowns, np.arange(len(unknowns)))
-        worst = np.maximum(worst, np.maximum(-least, 0.0) / np.where(sizes > 0, sizes, 1.0))
+        below = np.flatnonzero(least < 0)
+        sizes = matrix_sizes(program, model, unknowns[below], below)
+        worst[below] = np.maximum(worst[below], -least[below] / np.where(sizes > 0, sizes, 1.0))
     return worst
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
-from scso_nlp.solve.cut import cut, eigenvalue_tolerance, sums_and_differences
+from scso_nlp.solve.cut import allowed_below_zero, cut, sums_and_differences
 from scso_nlp.solve.local_model import LocalModel, Quadratic
 from scso_nlp.solve.presolve import Start, can_presolve
 from scso_nlp.solve.threads import one_thread
-from scso_nlp.transcription.turns import MatrixModel, matrix_sizes
+from scso_nlp.transcription.turns import MatrixModel
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Frames whose deciding turns are sought together; bounds the memory.
@@ -122,9 +122,8 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         value = matrix.value(unknowns, model.program.arrays)
         with one_thread():
             values, vectors = np.linalg.eigh(np.where(usable[:, None, None], value, 0.0))
-        kept = eigenvalue_tolerance(
-            matrix, matrix_sizes(model.program, matrix, unknowns, np.arange(len(unknowns)))
-        )
+        every = np.arange(len(unknowns))
+        kept = allowed_below_zero(model.program, matrix, unknowns, every, values[:, 0])
         negative = values < -kept[:, None]
         if not negative.any():
             continue
@@ -163,27 +162,27 @@ def _deciding_turns(
     doubtful = [np.zeros(0, dtype=np.int64)]
     for part in np.array_split(frames, -(-frames.size // FRAMES_PER_BATCH)) if frames.size else ():
 
-        def program(here: FloatArray, which: IntArray, part: IntArray = part) -> MatrixProgram:
+        def near(here: FloatArray, which: IntArray, part: IntArray = part) -> MatrixProgram:
             return model.matrix_program(matrix, here, part[which], coupling)
 
         start = unknowns[part]
-        first = program(start, np.arange(part.size))
+        first = near(start, np.arange(part.size))
         with one_thread():
             if model.is_quadratic:
                 answer = solve_matrix_programs(first)
             else:
-                answer = solve_matrix_programs(first, program, start)
+                answer = solve_matrix_programs(first, near, start)
         multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
         found[part] = answer.is_solved
         lost = np.flatnonzero(~answer.is_solved)
         if lost.size and model.is_quadratic:
-            raised = program(start[lost], lost)
+            raised = near(start[lost], lost)
             with one_thread():
                 best = highest_eigenvalues(raised)
-            least = np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0]
+            least = np.asarray(np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0])
             short = np.zeros(lost.size, dtype=bool)
-            sizes = matrix_sizes(model.program, matrix, np.nan_to_num(best.x), part[lost])[best.is_solved]
-            short[best.is_solved] = least < -eigenvalue_tolerance(matrix, sizes)
+            x, here = best.x[best.is_solved], part[lost[best.is_solved]]
+            short[best.is_solved] = least < -allowed_below_zero(model.program, matrix, x, here, least)
             beyond = part[lost[short]]
             multiplier[beyond], found[beyond] = best.multiplier[short], True
             doubtful.append(beyond)

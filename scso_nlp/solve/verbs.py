@@ -22,6 +22,7 @@ from scso_nlp.solve.local_model import local_model
 from scso_nlp.solve.programs import Effort, solve_rows, starting_point
 from scso_nlp.solve.redundant import without_redundant_rows
 from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns
+from scso_nlp.solve.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.turns import matrix_models, with_turns
 from scso_nlp.validation import FloatArray
@@ -126,7 +127,8 @@ def _solve(
     if program.matrices:
         options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
     effort = Effort(build_seconds=time.perf_counter() - started)
-    outcome, rounds = _solve_rounds(program, solver == "trajectory", guess, options, effort)
+    with one_thread():
+        outcome, rounds = _solve_rounds(program, solver == "trajectory", guess, options, effort)
     report = SolveReport(
         solver=solver,
         iterations=effort.iterations,
@@ -136,7 +138,8 @@ def _solve(
         versions=versions(),
         rounds=rounds,
     )
-    solution = judge(outcome, report)
+    with one_thread():
+        solution = judge(outcome, report)
     _LOG.info(
         "%s (%s): %s; %d rounds, %d iterations, build %.2f s, solve %.2f s",
         problem.motion.name,

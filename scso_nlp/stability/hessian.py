@@ -70,8 +70,11 @@ class HessianTerms:
         constant : ndarray, shape (n_frames, n (n + 1) / 2) [N·m/rad]
         """
         column, row = np.triu_indices(len(self.coordinates))
-        products = self.moment_arms[:, row] * self.moment_arms[:, column]
-        matrices = np.concatenate([self.curvature[:, row, column], products], axis=2)
+        n_frames, _, n_muscles = self.moment_arms.shape
+        matrices = np.empty((n_frames, row.size, 2 * n_muscles))
+        for entry, (i, j) in enumerate(zip(row, column, strict=True)):
+            matrices[:, entry, :n_muscles] = self.curvature[:, i, j]
+            matrices[:, entry, n_muscles:] = self.moment_arms[:, i] * self.moment_arms[:, j]
         return matrices, self.constant[:, row, column]
 
     def hessian(self, tendon_force: FloatArray, stiffness: FloatArray) -> FloatArray:

@@ -70,12 +70,12 @@ class MatrixModel:
     def _by_unknowns(self, by_weights: FloatArray, changes: FloatArray) -> FloatArray:
         """Multiply (n_frames, m, n_weights) by the Jacobian of the weights: (n_frames, m, size)."""
         weight, unknown = self.derivatives.row, self.derivatives.column
-        size = self.block.piece.unknowns[0].numel()
-        result = np.zeros((*by_weights.shape[:2], size))
-        if unknown.size:  # they stand in ascending order
-            starts = np.flatnonzero(np.diff(unknown, prepend=-1))
-            parts = by_weights[:, :, weight] * changes[:, None, :]
-            result[:, :, unknown[starts]] = np.add.reduceat(parts, starts, axis=2)
+        result = np.zeros((*by_weights.shape[:2], self.block.piece.unknowns[0].numel()))
+        # unknowns stand in ascending order: the first weight of each, then the second, and so on
+        rank = np.arange(unknown.size) - np.searchsorted(unknown, unknown)
+        for i in range(int(rank.max(initial=-1)) + 1):
+            here = np.flatnonzero(rank == i)
+            result[:, :, unknown[here]] += by_weights[:, :, weight[here]] * changes[:, None, here]
         return result
 
     def _entries(
