@@ -84,6 +84,12 @@ class MatrixProgram:
     matrices: FloatArray
     constant: FloatArray
 
+    def frames(self, which: IntArray) -> MatrixProgram:
+        """Keep some frames."""
+        if which.size == len(self.linear) and (np.diff(which) == 1).all():
+            return self  # without copies
+        return replace(self, **{item.name: getattr(self, item.name)[which] for item in fields(self)})
+
     def at(self, x: FloatArray) -> FloatArray:
         """Give the matrices at unknowns (n_frames, n), shape (n_frames, size, size)."""
         return self.constant + np.einsum("kxij,kx->kij", self.matrices, x)

@@ -27,6 +27,9 @@ _SHARES_OF_ENTRIES = (1e-12, 1e-8)
 #: Most steps of a frame after its optimum without turns, and most turns that may hold together.
 _MOST_STEPS, _MOST_HOLDING = 20, 6
 
+#: Steps without the curvature of eigenvalues, and the least gap to others over the largest eigenvalue [-].
+_STRAIGHT_STEPS, _LEAST_GAP = 6, 1e-9
+
 #: Eigenvalues are brought to this share of what they may be below zero.
 _SHARE_OF_TOLERANCE = 1e-2
 
@@ -122,6 +125,7 @@ class _Cutting:
         self.matrices, self.affine = model.matrices, program.split.affine.rows
         self.block = Block(program, objective, frames, plain.unknowns[frames], _TOLERANCE)
         self.block.multipliers = plain.multipliers[np.ix_(frames, self.affine)]
+        self.bent: dict[int, FloatArray] = {}
         self.frames, self.is_lost = frames, np.zeros(frames.size, dtype=bool)
         self.allowed = [most[frames] for most in allowed]
         self.least = [np.full(frames.size, -np.inf) for _ in allowed]
@@ -134,14 +138,17 @@ class _Cutting:
         """Add turns and take steps until no eigenvalue is negative."""
         going = np.zeros(self.frames.size, dtype=bool)
         for n_steps in range(_MOST_STEPS):
-            going |= self._add_turns()
+            self.bent.clear()
+            going |= self._add_turns(is_late=n_steps >= _STRAIGHT_STEPS)
             going &= ~self.is_lost
             if not going.any():
                 break
-            going, lost = self.block.advance(going, n_steps)
+            going, lost = self.block.advance(going, n_steps, self.bent)
+            going[list(self.bent)] = True
             self.is_lost |= lost
+            going &= ~lost
         else:
-            self.is_lost |= going | self._add_turns()
+            self.is_lost |= going | self._add_turns(is_late=False)
         self.block.settle()
 
     def start(self, plain: Start, which: BoolArray) -> Start:
@@ -157,8 +164,11 @@ class _Cutting:
         reduced[frames] = self.block.reduced_cost()[which]
         return replace(plain, unknowns=unknowns, multipliers=multipliers, reduced_cost=reduced)
 
-    def _add_turns(self) -> BoolArray:
-        """Add rows where eigenvalues are negative; tell in which frames, shape (n_frames,)."""
+    def _add_turns(self, *, is_late: bool) -> BoolArray:
+        """Add rows where eigenvalues are negative; tell in which frames, shape (n_frames,).
+
+        Late ones get the curvature of these eigenvalues for their next step.
+        """
         new = np.zeros(self.frames.size, dtype=bool)
         for i, (matrix, (constant, slopes)) in enumerate(zip(self.matrices, self.parts, strict=True)):
             entries = constant + (slopes @ self.block.unknowns[:, :, None])[:, :, 0]
@@ -174,6 +184,9 @@ class _Cutting:
             wanted = np.where(wanted > 0, np.maximum(wanted, held), 0)
             self.is_lost |= wanted > _MOST_HOLDING
             wanted[self.is_lost] = 0
+            if is_late:
+                for k in np.flatnonzero((wanted > 0) & (held > 0)):
+                    self._bend(i, int(k), int(wanted[k]), values[k], vectors[k])
             turns = _turns_of(vectors, wanted, held > 0)
             products = matrix.products(turns) / matrix.block.scale
             first = self.block.matrix.shape[1]
@@ -182,6 +195,24 @@ class _Cutting:
             self.turns[i] = np.concatenate([self.turns[i], turns], axis=1)
             new |= wanted > 0
         return new
+
+    def _bend(self, i: int, k: int, r: int, values: FloatArray, vectors: FloatArray) -> None:
+        r"""Add the curvature of the r lowest eigenvalues of a frame, times what they hold.
+
+        .. math:: C_{xy} = 2 \sum_{aj} \frac{(b_a^T G_x v_j)\,(b_a^T G_y v_j)}{\lambda_j}, \quad
+                  \sum_a b_a b_a^T = V_r V_r^T Z V_r V_r^T
+
+        (Overton and Womersley 1995, SIAM J Matrix Anal Appl 16:697-718, with the held eigenvalues zero.)
+        """
+        matrix, slopes = self.matrices[i], self.parts[i][1][k]
+        weight, turns = np.abs(self.block.multipliers[k, self.places[i]]), self.turns[i][k] @ vectors[:, :r]
+        share, basis = np.linalg.eigh(turns.T @ (weight[:, None] * turns))
+        held = (vectors[:, :r] @ basis * np.sqrt(np.maximum(share, 0.0))).T
+        gap = np.maximum(values[r:], _LEAST_GAP * np.abs(values).max())
+        others = vectors[:, r:].T / np.sqrt(gap)[:, None]
+        mixed = matrix.products(held[:, None], others[None]).reshape(-1, len(slopes)) @ slopes
+        curvature = 2 / matrix.block.scale * mixed.T @ mixed
+        self.bent[k] = self.bent[k] + curvature if k in self.bent else curvature
 
     def _holding_directions(self, i: int) -> IntArray:
         """Count the directions in which a matrix is held, shape (n_frames,)."""

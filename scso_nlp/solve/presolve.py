@@ -237,7 +237,9 @@ class Block:
                 return
             going, _ = self.advance(going, n_steps)
 
-    def advance(self, going: BoolArray, n_steps: int) -> tuple[BoolArray, BoolArray]:
+    def advance(
+        self, going: BoolArray, n_steps: int, bent: Mapping[int, FloatArray] | None = None
+    ) -> tuple[BoolArray, BoolArray]:
         """Take one step in some frames; tell which of them want another, and which found no way.
 
         Parameters
@@ -245,6 +247,8 @@ class Block:
         going : ndarray of bool, shape (n_frames,)
         n_steps : int
             How many came before.
+        bent : mapping of int to ndarray, shape (n_unknowns, n_unknowns), optional
+            Curvature of the constraints of some frames, besides that of the objective.
         """
         going, asked = going.copy(), going
         gradient, hessian = self.objective.near(self.unknowns, self.arrays)
@@ -255,7 +259,10 @@ class Block:
             _, hessian = self.objective.near(beside, self.arrays)
         step, is_exact = np.zeros_like(self.unknowns), np.zeros(going.size, dtype=bool)
         for k in np.flatnonzero(going):
-            target, is_exact[k] = self._target(int(k), gradient[k], hessian[k])
+            curvature = hessian[k]
+            if bent is not None and int(k) in bent:
+                curvature = bent[int(k)] + (np.diag(curvature) if curvature.ndim == 1 else curvature)
+            target, is_exact[k] = self._target(int(k), gradient[k], curvature)
             going[k] = target is not None
             if target is not None:
                 step[k] = target - self.unknowns[k]
@@ -349,21 +356,25 @@ class Block:
         """
         for _ in range(_SETTLING_STEPS):
             x = self.unknowns
-            value = np.einsum("kri,ki->kr", self.matrix, x)
+            value = (self.matrix @ x[:, :, None])[:, :, 0]
             aim = np.clip(value, self.least, self.most)
             pushed = self.multipliers != 0
             aim = np.where(pushed & (self.multipliers < 0), self.least, aim)
             aim = np.where(pushed & (self.multipliers > 0), self.most, aim)
             is_tight = self.used & (pushed | (aim != value))
             left = np.where(is_tight & np.isfinite(aim), aim - value, 0.0)
+            # tight rows first, the others left out
+            first = np.argsort(~is_tight, axis=1, kind="stable")[:, : is_tight.sum(axis=1).max(initial=0)]
+            left, is_tight = (np.take_along_axis(each, first, axis=1) for each in (left, is_tight))
             near = _TOLERANCE * np.abs(x).max(axis=1, initial=0.0, keepdims=True)
             free = (x > self.lower + near) & (x < self.upper - near)
-            tight = self.matrix * is_tight[:, :, None] * free[:, None, :]
+            tight = np.take_along_axis(self.matrix, first[:, :, None], axis=1)
+            tight *= is_tight[:, :, None] * free[:, None, :]
             gram = tight @ tight.transpose(0, 2, 1)
             size = np.einsum("krr->kr", gram)
             ridge = np.where(size > 0, _RIDGE * size, 1.0)
             weight = np.linalg.solve(gram + ridge[:, :, None] * np.eye(size.shape[1]), left[:, :, None])
-            shift = np.einsum("kri,kr->ki", tight, weight[:, :, 0])
+            shift = (weight.transpose(0, 2, 1) @ tight)[:, 0]
             self.unknowns = np.clip(x + shift, self.lower, self.upper)
 
     def reduced_cost(self) -> FloatArray:

@@ -161,12 +161,14 @@ def _deciding_turns(
     multiplier = np.zeros((found.size, n, n))
     doubtful = [np.zeros(0, dtype=np.int64)]
     for part in np.array_split(frames, -(-frames.size // FRAMES_PER_BATCH)) if frames.size else ():
-
-        def near(here: FloatArray, which: IntArray, part: IntArray = part) -> MatrixProgram:
-            return model.matrix_program(matrix, here, part[which], coupling)
-
         start = unknowns[part]
-        first = near(start, np.arange(part.size))
+        first = model.matrix_program(matrix, start, part, coupling)
+
+        def near(
+            here: FloatArray, which: IntArray, part: IntArray = part, first: MatrixProgram = first
+        ) -> MatrixProgram:
+            return model.matrix_program(matrix, here, part[which], coupling, first.frames(which))
+
         with one_thread():
             if model.is_quadratic:
                 answer = solve_matrix_programs(first)

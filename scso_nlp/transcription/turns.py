@@ -57,10 +57,12 @@ class MatrixModel:
             slopes[:, :, self.block.missed] += self.block.scale * (turns * turns).sum(axis=2)
         return (products @ entries[:, :, None])[:, :, 0], slopes
 
-    def products(self, turns: FloatArray) -> FloatArray:
-        """By what each entry of a lower triangle counts in v'Gv, shape (n_frames, n_turns, n_entries)."""
+    def products(self, turns: FloatArray, others: FloatArray | None = None) -> FloatArray:
+        """By what each entry of a lower triangle counts in v'Gv, or v'Gw: (…, n_turns, n_entries)."""
         row, column = self.block.triangle
-        return np.where(row == column, 1.0, 2.0) * turns[:, :, row] * turns[:, :, column]
+        others = turns if others is None else others
+        one = turns[..., row] * others[..., column]
+        return np.where(row == column, one, one + turns[..., column] * others[..., row])
 
     @property
     def _on_diagonal(self) -> IntArray:
