@@ -62,7 +62,7 @@ class Cut:
     is_found: BoolArray
 
 
-def cut(model: LocalModel, start: FloatArray) -> Cut:
+def cut(model: LocalModel, start: FloatArray, known: Start | None = None) -> Cut:
     """Solve frames with their matrix inequalities.
 
     Parameters
@@ -71,6 +71,8 @@ def cut(model: LocalModel, start: FloatArray) -> Cut:
         Of a program whose frames are apart and whose rows and matrices are affine.
     start : ndarray, shape (n_frames, n_unknowns)
         Scaled.
+    known : Start, optional
+        Frames that are at their optimum without matrix inequalities.
 
     Returns
     -------
@@ -78,7 +80,7 @@ def cut(model: LocalModel, start: FloatArray) -> Cut:
     """
     program, n = model.program, len(start)
     every = np.arange(n)
-    found = presolve(program, start, every)
+    found = presolve(program, start, every, known)
     least = []
     for matrix in model.matrices:
         with one_thread():
@@ -154,15 +156,19 @@ class _Cutting:
     def start(self, plain: Start, which: BoolArray) -> Start:
         """Put what has been found in some frames into a start of all."""
         frames = self.frames[which]
-        unknowns, multipliers, reduced = (
-            plain.unknowns.copy(),
-            plain.multipliers.copy(),
-            plain.reduced_cost.copy(),
-        )
+        unknowns, multipliers = plain.unknowns.copy(), plain.multipliers.copy()
+        reduced, confirmed = plain.reduced_cost.copy(), plain.is_confirmed.copy()
         unknowns[frames] = self.block.unknowns[which]
         multipliers[np.ix_(frames, self.affine)] = self.block.multipliers[which, : self.affine.size]
         reduced[frames] = self.block.reduced_cost()[which]
-        return replace(plain, unknowns=unknowns, multipliers=multipliers, reduced_cost=reduced)
+        confirmed[frames] = False
+        return replace(
+            plain,
+            unknowns=unknowns,
+            multipliers=multipliers,
+            reduced_cost=reduced,
+            is_confirmed=confirmed,
+        )
 
     def _add_turns(self, *, is_late: bool) -> BoolArray:
         """Add rows where eigenvalues are negative; tell in which frames, shape (n_frames,).

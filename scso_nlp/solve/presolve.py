@@ -80,6 +80,8 @@ class Start:
         Frames that are at their optimum; the others are where they began, without multipliers.
     is_doubtful : ndarray of bool, shape (n_frames,)
         Frames whose rows the active-set method found contradictory.
+    is_confirmed : ndarray of bool, shape (n_frames,)
+        Frames in which IPOPT has been at this optimum before.
     """
 
     unknowns: FloatArray
@@ -88,6 +90,7 @@ class Start:
     worst: FloatArray
     is_optimal: BoolArray
     is_doubtful: BoolArray
+    is_confirmed: BoolArray
 
     @classmethod
     def nowhere(cls, program: FrameProgram, start: FloatArray) -> Start:
@@ -100,6 +103,7 @@ class Start:
             worst=np.full(n, np.inf),
             is_optimal=np.zeros(n, dtype=bool),
             is_doubtful=np.zeros(n, dtype=bool),
+            is_confirmed=np.zeros(n, dtype=bool),
         )
 
 
@@ -130,11 +134,13 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: 
         return found
     unknowns, multipliers, reduced = found.unknowns, found.multipliers, found.reduced_cost
     solved, doubtful = np.zeros(len(start), dtype=bool), found.is_doubtful
+    confirmed = found.is_confirmed
     if known is not None:
         solved = known.is_optimal & (_graded(program, known) <= OPTIMALITY_TOLERANCE)
         for mine, other in ((unknowns, known.unknowns), (multipliers, known.multipliers)):
             mine[solved] = other[solved]
         reduced[solved] = known.reduced_cost[solved]
+        confirmed = known.is_confirmed & solved
         frames = frames[~solved[frames]]
     objective = ConvexObjective.of(program)
     for part in np.array_split(frames, -(-frames.size // FRAMES_AT_ONCE)) if frames.size else ():
@@ -155,6 +161,7 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: 
         worst=worst,
         is_optimal=optimal,
         is_doubtful=doubtful,
+        is_confirmed=confirmed & optimal,
     )
 
 

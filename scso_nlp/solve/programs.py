@@ -36,11 +36,13 @@ _LEAST_SCALE = 1e-12
 
 @dataclass(kw_only=True)
 class Effort:
-    """What solving has cost so far."""
+    """What solving has cost so far, and how many frames were at their optimum before."""
 
     iterations: int = 0
     build_seconds: float = 0.0
     solve_seconds: float = 0.0
+    taken_over: int = 0
+    kept_frames: int = 0
 
 
 def solve_rows(
@@ -152,7 +154,11 @@ class _Run:
             if self._is_impossible(int(k)):
                 self.status[k] = Status.INFEASIBLE
         self.effort.solve_seconds += time.perf_counter() - started
-        frames = np.flatnonzero(exact.is_optimal)
+        for k in np.flatnonzero(exact.is_confirmed):
+            self.unknowns[k], self.multipliers[0][k] = exact.unknowns[k], exact.multipliers[k]
+            self.status[k] = Status.SOLVED
+        self.effort.taken_over = int(exact.is_confirmed.sum())
+        frames = np.flatnonzero(exact.is_optimal & ~exact.is_confirmed)
         if not frames.size:
             return
         start, scale = self.start, self.scale

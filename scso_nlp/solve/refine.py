@@ -11,11 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.solution import Status
 from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
 from scso_nlp.solve.cut import allowed_below_zero, cut, sums_and_differences
+from scso_nlp.solve.judge import Outcome
 from scso_nlp.solve.local_model import LocalModel, Quadratic
 from scso_nlp.solve.presolve import Start, can_presolve
 from scso_nlp.solve.threads import one_thread
+from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.turns import MatrixModel
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -42,7 +45,9 @@ class Turns:
     doubtful: tuple[int, ...] = ()
 
 
-def foreseen_turns(model: LocalModel, start: FloatArray) -> tuple[Turns, Start | None]:
+def foreseen_turns(
+    model: LocalModel, start: FloatArray, known: Start | None = None
+) -> tuple[Turns, Start | None]:
     """Choose turns before the first solve: those that decide, or each direction alone where none are found.
 
     Parameters
@@ -50,6 +55,8 @@ def foreseen_turns(model: LocalModel, start: FloatArray) -> tuple[Turns, Start |
     model : LocalModel
     start : ndarray, shape (n_frames, n_unknowns)
         Scaled.
+    known : Start, optional
+        Frames that are at their optimum without matrix inequalities.
 
     Returns
     -------
@@ -61,7 +68,7 @@ def foreseen_turns(model: LocalModel, start: FloatArray) -> tuple[Turns, Start |
     every = np.arange(len(start))
     left, found_before = every, None
     if can_presolve(model.program) and all(matrix.is_affine for matrix in model.matrices):
-        found_before = cut(model, start)
+        found_before = cut(model, start, known)
         left = np.flatnonzero(~found_before.is_found)
     chosen: list[FloatArray] = []
     multipliers: list[FloatArray] = []
@@ -83,14 +90,14 @@ def foreseen_turns(model: LocalModel, start: FloatArray) -> tuple[Turns, Start |
         chosen.append(padded)
         multipliers.append(weight)
         doubtful.update(int(k) for k in beyond)
-    known = None
+    found_with = None
     if found_before is not None:
-        known = replace(
+        found_with = replace(
             found_before.start,
             multipliers=np.hstack([found_before.start.multipliers, *multipliers]),
             is_optimal=found_before.is_found,
         )
-    return Turns(turns=tuple(chosen), doubtful=tuple(sorted(doubtful))), known
+    return Turns(turns=tuple(chosen), doubtful=tuple(sorted(doubtful))), found_with
 
 
 def _padded(values: FloatArray, width: int) -> FloatArray:
@@ -98,6 +105,37 @@ def _padded(values: FloatArray, width: int) -> FloatArray:
     missing = [(0, 0)] * values.ndim
     missing[1] = (0, width - values.shape[1])
     return np.pad(values, missing)
+
+
+def still_known(before: Turns, after: Turns, rows: FrameProgram, outcome: Outcome) -> Start:
+    """Say what the next solve knows of frames that were solved and need no more turns.
+
+    Parameters
+    ----------
+    before, after : Turns
+    rows : FrameProgram
+        With the turns of before.
+    outcome : Outcome
+        Of this program.
+
+    Returns
+    -------
+    Start
+    """
+    known = Start.nowhere(rows, np.nan_to_num(outcome.unknowns))
+    own = known.multipliers.shape[1] - sum(turns.shape[1] for turns in before.turns)
+    parts = np.split(
+        np.nan_to_num(outcome.multipliers[0]),
+        np.cumsum([own, *(t.shape[1] for t in before.turns)])[:-1],
+        axis=1,
+    )
+    solved = np.array([status is Status.SOLVED for status in outcome.status])
+    for old, new in zip(before.turns, after.turns, strict=True):
+        solved &= ~new[:, old.shape[1] :].any(axis=(1, 2))
+    if outcome.unit is not None:
+        solved &= outcome.unit == 1
+    widened = [_padded(part, new.shape[1]) for part, new in zip(parts[1:], after.turns, strict=True)]
+    return replace(known, multipliers=np.hstack([parts[0], *widened]), is_optimal=solved, is_confirmed=solved)
 
 
 def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: BoolArray) -> Turns | None:
