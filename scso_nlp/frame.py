@@ -157,15 +157,20 @@ class Rows:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class MatrixRows:
-    r"""A matrix inequality: ``value - diag(lower)`` is positive semi-definite.
+    r"""A matrix inequality: :math:`H = K + \sum_j w_j M_j`, less its levels, is positive semi-definite.
 
     It stands for the rows :math:`v^T (H - \operatorname{diag}(\text{lower}))\, v \ge 0` of all v; the solver
-    chooses those that decide.
+    chooses those that decide. Symmetric matrices are given as lower triangles, column by column, with
+    n (n + 1) / 2 entries.
 
     Attributes
     ----------
-    value : ca.SX, shape (n, n)
-        H; its lower triangle is read.
+    weights : ca.SX, shape (n_weights,)
+        w; all that depends on the unknowns.
+    matrices : ndarray, shape (n_frames, n_entries, n_weights)
+        M.
+    constant : ndarray, shape (n_frames, n_entries)
+        K.
     lower : float or ndarray, shape (n,)
     names : sequence of str
         What the n directions are called.
@@ -179,7 +184,9 @@ class MatrixRows:
         As for :class:`Rows`.
     """
 
-    value: ca.SX
+    weights: ca.SX
+    matrices: FloatArray
+    constant: FloatArray
     lower: float | FloatArray
     names: Sequence[str]
     unit: str = ""

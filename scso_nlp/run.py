@@ -89,7 +89,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     if settings.stability is not None:
         baseline = solve(problem.without_stability())
         seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
-    solution = solve(problem)
+    solution = solve(problem, baseline=baseline)
     facts = RunRecord(
         inputs={**settings.sources, **inputs},
         settings=record(settings, output),

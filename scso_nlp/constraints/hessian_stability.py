@@ -74,26 +74,18 @@ class HessianStability(StabilityConstraint):
         return curvature_notes(motion.trajectory)
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
-        """Give the lower triangle of curvature column by column, moment arms and what is constant."""
-        terms = self.terms(motion)
-        column, row = np.triu_indices(len(terms.coordinates))
-        return {
-            "curvature": terms.curvature[:, row, column],
-            "moment_arms": terms.moment_arms,
-            "constant": terms.constant,
-            **self.stiffness_law.data(motion),
-        }
+        """Give what the stiffness law needs."""
+        return self.stiffness_law.data(motion)
 
     def rows(self, frame: Frame, motion: Motion) -> MatrixRows:
         """Give the Hessian, in N·m/rad; the stiffness of every muscle [N/m] beside it."""
-        names, data = self.row_names(motion), frame.data
+        names = self.row_names(motion)
         stiffness = self.stiffness_law.stiffness(frame, motion)
-        geometric = data["curvature"] @ frame.muscle.tendon_force
-        arms = data["moment_arms"]
+        matrices, constant = self.terms(motion).triangles()
         return MatrixRows(
-            value=ca.tril2symm(ca.SX(ca.Sparsity.lower(len(names)), ca.densify(geometric)))
-            + arms @ ca.diag(stiffness) @ arms.T
-            + data["constant"],
+            weights=ca.vertcat(frame.muscle.tendon_force, stiffness),
+            matrices=matrices,
+            constant=constant,
             lower=self.by_row(self.level, names),
             names=names,
             unit="N·m/rad",

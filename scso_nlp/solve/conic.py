@@ -7,7 +7,7 @@ are used only to choose rows, see :mod:`scso_nlp.solve.refine`, and to say what 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -77,6 +77,12 @@ class MatrixProgram:
     upper: FloatArray
     matrices: FloatArray
     constant: FloatArray
+
+    def frames(self, which: IntArray) -> MatrixProgram:
+        """Keep some frames."""
+        if which.size == len(self.linear) and (np.diff(which) == 1).all():
+            return self  # without copies
+        return replace(self, **{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
     def at(self, x: FloatArray) -> FloatArray:
         """Give the matrices at unknowns (n_frames, n), shape (n_frames, size, size)."""

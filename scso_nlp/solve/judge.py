@@ -287,8 +287,9 @@ def _missed_eigenvalues(program: FrameProgram, unknowns: FloatArray) -> FloatArr
     for model in matrix_models(program):
         with one_thread():
             least = np.linalg.eigvalsh(model.value(unknowns, program.arrays))[:, 0]
-        sizes = matrix_sizes(program, model, unknowns)
-        worst = np.maximum(worst, np.maximum(-least, 0.0) / np.where(sizes > 0, sizes, 1.0))
+        below = np.flatnonzero(least < 0)
+        sizes = matrix_sizes(program, model, unknowns[below], below)
+        worst[below] = np.maximum(worst[below], -least[below] / np.where(sizes > 0, sizes, 1.0))
     return worst
 
 
@@ -305,7 +306,7 @@ def _observed_matrices(
 def _matrix_result(
     program: FrameProgram, block: MatrixBlock, unknowns: FloatArray, missing: BoolArray
 ) -> MatrixResult:
-    value = block.filled(block.piece.values(unknowns, program.arrays))
+    value = block.value(unknowns, program.arrays)
     missed = np.zeros(len(unknowns))
     if block.missed is not None:
         missed = block.scale * unknowns[:, block.missed]

@@ -5,7 +5,7 @@ Arrays only, one entry per frame; unknowns are the solver's scaled ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,11 +99,17 @@ class LocalModel:
         unknowns: FloatArray,
         frames: IntArray,
         coupling: Quadratic | None = None,
+        elsewhere: MatrixProgram | None = None,
     ) -> MatrixProgram:
-        """Model the given frames around their unknowns: cost, rows, bounds and one matrix inequality."""
+        """Model the given frames around their unknowns: cost, rows, bounds and one matrix inequality.
+
+        `elsewhere` models the same frames around other unknowns: what is affine is taken from there.
+        """
         quadratic, linear = self.objective(unknowns, frames)
         if coupling is not None:
             quadratic, linear = quadratic + coupling[0][frames], linear + coupling[1][frames]
+        if elsewhere is not None and matrix.is_affine and not self.curved_rows:
+            return replace(elsewhere, quadratic=quadratic, linear=linear)
         rows, least, most = self.rows(unknowns, frames)
         equal = (least == most).all(axis=0)
         lower, upper = self.program.bounds()

@@ -9,7 +9,7 @@ method on a polytope. IPOPT starts at what comes out.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import daqp
 import numpy as np
@@ -22,7 +22,7 @@ from scso_nlp.transcription.turns import part_of
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Frames whose derivatives are evaluated together; bounds the memory.
-_FRAMES_AT_ONCE = 64
+FRAMES_AT_ONCE = 64
 
 #: Most quadratic programs of one frame.
 _MOST_STEPS = 60
@@ -80,6 +80,8 @@ class Start:
         Frames that are at their optimum; the others are where they began, without multipliers.
     is_doubtful : ndarray of bool, shape (n_frames,)
         Frames whose rows the active-set method found contradictory.
+    is_confirmed : ndarray of bool, shape (n_frames,)
+        Frames in which IPOPT has been at this optimum before.
     """
 
     unknowns: FloatArray
@@ -88,9 +90,29 @@ class Start:
     worst: FloatArray
     is_optimal: BoolArray
     is_doubtful: BoolArray
+    is_confirmed: BoolArray
+
+    @classmethod
+    def nowhere(cls, program: FrameProgram, start: FloatArray) -> Start:
+        """Make one without any frame at its optimum."""
+        n = len(start)
+        return cls(
+            unknowns=start.copy(),
+            multipliers=np.zeros((n, len(program.rows))),
+            reduced_cost=np.zeros_like(start),
+            worst=np.full(n, np.inf),
+            is_optimal=np.zeros(n, dtype=bool),
+            is_doubtful=np.zeros(n, dtype=bool),
+            is_confirmed=np.zeros(n, dtype=bool),
+        )
 
 
-def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Start:
+def can_presolve(program: FrameProgram) -> bool:
+    """Tell whether frames are apart and their rows affine."""
+    return not (program.is_coupled or program.split.nonlinear)
+
+
+def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: Start | None = None) -> Start:
     """Solve frames one by one, where rows are affine and the objective is convex.
 
     Parameters
@@ -100,27 +122,29 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Star
         Scaled unknowns to begin with.
     frames : ndarray of int
         Which to solve; none are where frames are coupled or rows are not affine.
+    known : Start, optional
+        Frames that it says are optimal are taken over if they are.
 
     Returns
     -------
     Start
     """
-    n = len(start)
-    unknowns, reduced = start.copy(), np.zeros_like(start)
-    multipliers = np.zeros((n, len(program.rows)))
-    solved, doubtful = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    if program.is_coupled or program.split.nonlinear:
-        return Start(
-            unknowns=unknowns,
-            multipliers=multipliers,
-            reduced_cost=reduced,
-            worst=np.full(n, np.inf),
-            is_optimal=solved,
-            is_doubtful=doubtful,
-        )
-    objective = _Objective.of(program)
-    for part in np.array_split(frames, max(1, -(-frames.size // _FRAMES_AT_ONCE))):
-        block = _Block(program, objective, part, start[part])
+    found = Start.nowhere(program, start)
+    if not can_presolve(program):
+        return found
+    unknowns, multipliers, reduced = found.unknowns, found.multipliers, found.reduced_cost
+    solved, doubtful = np.zeros(len(start), dtype=bool), found.is_doubtful
+    confirmed = found.is_confirmed
+    if known is not None:
+        solved = known.is_optimal & (_graded(program, known) <= OPTIMALITY_TOLERANCE)
+        for mine, other in ((unknowns, known.unknowns), (multipliers, known.multipliers)):
+            mine[solved] = other[solved]
+        reduced[solved] = known.reduced_cost[solved]
+        confirmed = known.is_confirmed & solved
+        frames = frames[~solved[frames]]
+    objective = ConvexObjective.of(program)
+    for part in np.array_split(frames, -(-frames.size // FRAMES_AT_ONCE)) if frames.size else ():
+        block = Block(program, objective, part, start[part])
         with one_thread():
             block.solve()
             block.settle()
@@ -128,8 +152,7 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Star
         multipliers[np.ix_(part, program.split.affine.rows)] = block.multipliers
         solved[part], doubtful[part] = ~block.is_contradicted, block.is_contradicted
         reduced[part] = block.reduced_cost()
-    worst = optimality_of(program, unknowns, (multipliers, np.zeros((max(n - 1, 0), 0))), solved).worst
-    worst = np.nan_to_num(worst, nan=np.inf)
+    worst = _graded(program, replace(found, is_optimal=solved))
     optimal = solved & (worst <= OPTIMALITY_TOLERANCE)
     return Start(
         unknowns=np.where(optimal[:, None], unknowns, start),
@@ -138,11 +161,19 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray) -> Star
         worst=worst,
         is_optimal=optimal,
         is_doubtful=doubtful,
+        is_confirmed=confirmed & optimal,
     )
 
 
+def _graded(program: FrameProgram, start: Start) -> FloatArray:
+    """How far each frame is from its optimum, infinite where it is not called one."""
+    of_pairs = np.zeros((max(len(start.unknowns) - 1, 0), 0))
+    found = optimality_of(program, start.unknowns, (start.multipliers, of_pairs), start.is_optimal)
+    return np.nan_to_num(found.worst, nan=np.inf)
+
+
 @dataclass(frozen=True, kw_only=True)
-class _Objective:
+class ConvexObjective:
     """Objectives of one frame with their derivatives."""
 
     costs: tuple[Derivatives, ...]
@@ -150,7 +181,8 @@ class _Objective:
     is_separable: bool
 
     @classmethod
-    def of(cls, program: FrameProgram) -> _Objective:
+    def of(cls, program: FrameProgram) -> ConvexObjective:
+        """Make the functions of a program's one-frame objectives."""
         costs = tuple(second_order(piece) for _, piece in program.objectives)
         bent = (any(curved(cost.values, cost.piece.unknowns[0])) for cost in costs)
         separable = all((cost.row == cost.column).all() for cost in costs)
@@ -174,12 +206,18 @@ class _Objective:
         return gradient, hessian
 
 
-class _Block:
+class Block:
     """Some frames on their way to their optima."""
 
     def __init__(
-        self, program: FrameProgram, objective: _Objective, frames: IntArray, start: FloatArray
+        self,
+        program: FrameProgram,
+        objective: ConvexObjective,
+        frames: IntArray,
+        start: FloatArray,
+        tolerance: float = _TOLERANCE,
     ) -> None:
+        self.tolerance = tolerance
         affine, table = program.split.affine.frames(frames), program.rows
         self.objective, self.arrays = objective, part_of(program, frames)
         self.lower, self.upper = (bound[frames] for bound in program.bounds())
@@ -204,20 +242,53 @@ class _Block:
         for n_steps in range(_MOST_STEPS):
             if not going.any():
                 return
-            gradient, hessian = self.objective.near(self.unknowns, self.arrays)
-            if not np.isfinite(hessian).all():
-                # powers below 2 have no curvature at zero: that of a point beside it, nearer with every step
-                size = np.abs(self.unknowns).max(axis=1, initial=0.0, keepdims=True)
-                beside = np.maximum(self.unknowns, np.minimum(size * _BESIDE**n_steps, self.upper))
-                _, hessian = self.objective.near(beside, self.arrays)
-            step, is_exact = np.zeros_like(self.unknowns), np.zeros(going.size, dtype=bool)
-            for k in np.flatnonzero(going):
-                target, is_exact[k] = self._target(int(k), gradient[k], hessian[k])
-                going[k] = target is not None
-                if target is not None:
-                    step[k] = target - self.unknowns[k]
-            self._follow(step, gradient, going)
-            going &= ~is_exact
+            going, _ = self.advance(going, n_steps)
+
+    def advance(
+        self, going: BoolArray, n_steps: int, bent: Mapping[int, FloatArray] | None = None
+    ) -> tuple[BoolArray, BoolArray]:
+        """Take one step in some frames; tell which of them want another, and which found no way.
+
+        Parameters
+        ----------
+        going : ndarray of bool, shape (n_frames,)
+        n_steps : int
+            How many came before.
+        bent : mapping of int to ndarray, shape (n_unknowns, n_unknowns), optional
+            Curvature of the constraints of some frames, besides that of the objective.
+        """
+        going, asked = going.copy(), going
+        gradient, hessian = self.objective.near(self.unknowns, self.arrays)
+        if not np.isfinite(hessian).all():
+            # powers below 2 have no curvature at zero: that of a point beside it, nearer with every step
+            size = np.abs(self.unknowns).max(axis=1, initial=0.0, keepdims=True)
+            beside = np.maximum(self.unknowns, np.minimum(size * _BESIDE**n_steps, self.upper))
+            _, hessian = self.objective.near(beside, self.arrays)
+        step, is_exact = np.zeros_like(self.unknowns), np.zeros(going.size, dtype=bool)
+        for k in np.flatnonzero(going):
+            curvature = hessian[k]
+            if bent is not None and int(k) in bent:
+                curvature = bent[int(k)] + (np.diag(curvature) if curvature.ndim == 1 else curvature)
+            target, is_exact[k] = self._target(int(k), gradient[k], curvature)
+            going[k] = target is not None
+            if target is not None:
+                step[k] = target - self.unknowns[k]
+        lost = asked & ~going
+        self._follow(step, gradient, going)
+        return going & ~is_exact, lost
+
+    def add_rows(self, matrix: FloatArray, least: FloatArray) -> None:
+        """Add rows of at least `least` (n_frames, n_new); rows of zeros (n_frames, n_new, size) are none."""
+        length = np.abs(matrix).max(axis=2, initial=0.0)
+        used = length > 0
+        length = np.where(used, length, 1.0)
+        self.used = np.hstack([self.used, used])
+        self.length = np.hstack([self.length, length])
+        self.matrix = np.concatenate([self.matrix, matrix / length[:, :, None]], axis=1)
+        self.least = np.hstack([self.least, least / length])
+        self.most = np.hstack([self.most, np.full(least.shape, np.inf)])
+        self.multipliers = np.hstack([self.multipliers, np.zeros(least.shape)])
+        self.is_feasible = self.is_feasible & ~used.any(axis=1)
 
     def _make_feasible(self) -> None:
         """Move frames that do not keep their rows to the point nearest to zero that does."""
@@ -276,7 +347,7 @@ class _Block:
                 lower / size,
                 is_equation,
                 primal_start=here / size,
-                primal_tol=_TOLERANCE,
+                primal_tol=self.tolerance,
             )
             if flag in (_OPTIMAL, _ROUNDED):
                 self.multipliers[k] = 0.0
@@ -292,21 +363,25 @@ class _Block:
         """
         for _ in range(_SETTLING_STEPS):
             x = self.unknowns
-            value = np.einsum("kri,ki->kr", self.matrix, x)
+            value = (self.matrix @ x[:, :, None])[:, :, 0]
             aim = np.clip(value, self.least, self.most)
             pushed = self.multipliers != 0
             aim = np.where(pushed & (self.multipliers < 0), self.least, aim)
             aim = np.where(pushed & (self.multipliers > 0), self.most, aim)
             is_tight = self.used & (pushed | (aim != value))
             left = np.where(is_tight & np.isfinite(aim), aim - value, 0.0)
+            # tight rows first, the others left out
+            first = np.argsort(~is_tight, axis=1, kind="stable")[:, : is_tight.sum(axis=1).max(initial=0)]
+            left, is_tight = (np.take_along_axis(each, first, axis=1) for each in (left, is_tight))
             near = _TOLERANCE * np.abs(x).max(axis=1, initial=0.0, keepdims=True)
             free = (x > self.lower + near) & (x < self.upper - near)
-            tight = self.matrix * is_tight[:, :, None] * free[:, None, :]
+            tight = np.take_along_axis(self.matrix, first[:, :, None], axis=1)
+            tight *= is_tight[:, :, None] * free[:, None, :]
             gram = tight @ tight.transpose(0, 2, 1)
             size = np.einsum("krr->kr", gram)
             ridge = np.where(size > 0, _RIDGE * size, 1.0)
             weight = np.linalg.solve(gram + ridge[:, :, None] * np.eye(size.shape[1]), left[:, :, None])
-            shift = np.einsum("kri,kr->ki", tight, weight[:, :, 0])
+            shift = (weight.transpose(0, 2, 1) @ tight)[:, 0]
             self.unknowns = np.clip(x + shift, self.lower, self.upper)
 
     def reduced_cost(self) -> FloatArray:

@@ -36,11 +36,13 @@ _LEAST_SCALE = 1e-12
 
 @dataclass(kw_only=True)
 class Effort:
-    """What solving has cost so far."""
+    """What solving has cost so far, and how many frames were at their optimum before."""
 
     iterations: int = 0
     build_seconds: float = 0.0
     solve_seconds: float = 0.0
+    taken_over: int = 0
+    kept_frames: int = 0
 
 
 def solve_rows(
@@ -51,6 +53,7 @@ def solve_rows(
     doubtful: Iterable[int],
     options: SolverOptions,
     effort: Effort,
+    known: Start | None = None,
 ) -> Outcome:
     """Solve a program with the rows that it has.
 
@@ -68,6 +71,8 @@ def solve_rows(
     options : SolverOptions
     effort : Effort
         Is added to.
+    known : Start, optional
+        Frames that are at their optimum already.
 
     Returns
     -------
@@ -98,7 +103,7 @@ def solve_rows(
     )
     effort.build_seconds += time.perf_counter() - started
     if options.presolve:
-        run.confirm(options.frames_per_program if together else 1)
+        run.confirm(options.frames_per_program if together else 1, known)
     if run.waiting.size:
         run.together() if together else run.one_by_one()
         if not program.is_coupled:
@@ -141,15 +146,19 @@ class _Run:
         """Frames without a status."""
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
 
-    def confirm(self, frames_per_program: int) -> None:
+    def confirm(self, frames_per_program: int, known: Start | None) -> None:
         """Find the optima of convex frames one by one, and let the solver confirm them."""
         started = time.perf_counter()
-        exact = presolve(self.program, self.start, self.waiting)
+        exact = presolve(self.program, self.start, self.waiting, known)
         for k in np.flatnonzero(exact.is_doubtful):
             if self._is_impossible(int(k)):
                 self.status[k] = Status.INFEASIBLE
         self.effort.solve_seconds += time.perf_counter() - started
-        frames = np.flatnonzero(exact.is_optimal)
+        for k in np.flatnonzero(exact.is_confirmed):
+            self.unknowns[k], self.multipliers[0][k] = exact.unknowns[k], exact.multipliers[k]
+            self.status[k] = Status.SOLVED
+        self.effort.taken_over = int(exact.is_confirmed.sum())
+        frames = np.flatnonzero(exact.is_optimal & ~exact.is_confirmed)
         if not frames.size:
             return
         start, scale = self.start, self.scale

@@ -7,20 +7,20 @@ none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.solution import Status
 from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
+from scso_nlp.solve.cut import allowed_below_zero, cut, sums_and_differences
+from scso_nlp.solve.judge import Outcome
 from scso_nlp.solve.local_model import LocalModel, Quadratic
+from scso_nlp.solve.presolve import Start, can_presolve
 from scso_nlp.solve.threads import one_thread
-from scso_nlp.transcription.turns import MatrixModel, entry_sizes, matrix_sizes
+from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.turns import MatrixModel
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
-
-#: An eigenvalue below zero by less than this share of its scale counts as kept [-].
-EIGENVALUE_TOLERANCE = 1e-6
-#: Least and largest share that this may be of what the entries of the matrix add up to [-].
-_SHARES_OF_ENTRIES = (1e-12, 1e-8)
 
 #: Frames whose deciding turns are sought together; bounds the memory.
 FRAMES_PER_BATCH = 64
@@ -45,7 +45,9 @@ class Turns:
     doubtful: tuple[int, ...] = ()
 
 
-def foreseen_turns(model: LocalModel, start: FloatArray) -> Turns:
+def foreseen_turns(
+    model: LocalModel, start: FloatArray, known: Start | None = None
+) -> tuple[Turns, Start | None]:
     """Choose turns before the first solve: those that decide, or each direction alone where none are found.
 
     Parameters
@@ -53,25 +55,87 @@ def foreseen_turns(model: LocalModel, start: FloatArray) -> Turns:
     model : LocalModel
     start : ndarray, shape (n_frames, n_unknowns)
         Scaled.
+    known : Start, optional
+        Frames that are at their optimum without matrix inequalities.
 
     Returns
     -------
-    Turns
+    turns : Turns
+    start : Start or None
+        Frames that cutting planes have brought to their optimum, with multipliers of the program's rows, then
+        of the turns.
     """
-    chosen: list[FloatArray] = []
-    doubtful: set[int] = set()
     every = np.arange(len(start))
-    for matrix in model.matrices:
+    left, found_before = every, None
+    if can_presolve(model.program) and all(matrix.is_affine for matrix in model.matrices):
+        found_before = cut(model, start, known)
+        left = np.flatnonzero(~found_before.is_found)
+    chosen: list[FloatArray] = []
+    multipliers: list[FloatArray] = []
+    doubtful: set[int] = set()
+    for i, matrix in enumerate(model.matrices):
         n = len(matrix.block.names)
-        turns, found, beyond = _deciding_turns(model, matrix, start, every)
-        width = max(turns.shape[1], 0 if found.all() else n)
-        padded = np.zeros((len(start), width, n))
-        padded[:, : turns.shape[1]] = turns
-        if not found.all():
-            padded[~found, :n] = np.eye(n)
+        turns, found, beyond = _deciding_turns(model, matrix, start, left)
+        lost = left[~found[left]]
+        width = max(turns.shape[1], n if lost.size else 0)
+        weight = np.zeros((len(start), width))
+        if found_before is not None:
+            width = max(width, found_before.turns[i].shape[1])
+            weight = _padded(found_before.multipliers[i], width)
+        padded = _padded(turns, width)
+        if found_before is not None:
+            padded += _padded(found_before.turns[i], width)
+        if lost.size:
+            padded[lost, :n] = np.eye(n)
         chosen.append(padded)
+        multipliers.append(weight)
         doubtful.update(int(k) for k in beyond)
-    return Turns(turns=tuple(chosen), doubtful=tuple(sorted(doubtful)))
+    found_with = None
+    if found_before is not None:
+        found_with = replace(
+            found_before.start,
+            multipliers=np.hstack([found_before.start.multipliers, *multipliers]),
+            is_optimal=found_before.is_found,
+        )
+    return Turns(turns=tuple(chosen), doubtful=tuple(sorted(doubtful))), found_with
+
+
+def _padded(values: FloatArray, width: int) -> FloatArray:
+    """Fill the second axis up with zeros."""
+    missing = [(0, 0)] * values.ndim
+    missing[1] = (0, width - values.shape[1])
+    return np.pad(values, missing)
+
+
+def still_known(before: Turns, after: Turns, rows: FrameProgram, outcome: Outcome) -> Start:
+    """Say what the next solve knows of frames that were solved and need no more turns.
+
+    Parameters
+    ----------
+    before, after : Turns
+    rows : FrameProgram
+        With the turns of before.
+    outcome : Outcome
+        Of this program.
+
+    Returns
+    -------
+    Start
+    """
+    known = Start.nowhere(rows, np.nan_to_num(outcome.unknowns))
+    own = known.multipliers.shape[1] - sum(turns.shape[1] for turns in before.turns)
+    parts = np.split(
+        np.nan_to_num(outcome.multipliers[0]),
+        np.cumsum([own, *(t.shape[1] for t in before.turns)])[:-1],
+        axis=1,
+    )
+    solved = np.array([status is Status.SOLVED for status in outcome.status])
+    for old, new in zip(before.turns, after.turns, strict=True):
+        solved &= ~new[:, old.shape[1] :].any(axis=(1, 2))
+    if outcome.unit is not None:
+        solved &= outcome.unit == 1
+    widened = [_padded(part, new.shape[1]) for part, new in zip(parts[1:], after.turns, strict=True)]
+    return replace(known, multipliers=np.hstack([parts[0], *widened]), is_optimal=solved, is_confirmed=solved)
 
 
 def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: BoolArray) -> Turns | None:
@@ -96,7 +160,8 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         value = matrix.value(unknowns, model.program.arrays)
         with one_thread():
             values, vectors = np.linalg.eigh(np.where(usable[:, None, None], value, 0.0))
-        kept = _tolerance(matrix, matrix_sizes(model.program, matrix, unknowns))
+        every = np.arange(len(unknowns))
+        kept = allowed_below_zero(model.program, matrix, unknowns, every, values[:, 0])
         negative = values < -kept[:, None]
         if not negative.any():
             continue
@@ -108,12 +173,6 @@ def more_turns(model: LocalModel, old: Turns, unknowns: FloatArray, usable: Bool
         deciding, _, _ = _deciding_turns(model, matrix, unknowns, frames, model.coupling(unknowns))
         turns[i] = np.concatenate([turns[i], unstable, deciding], axis=1)
     return None if is_kept else Turns(turns=tuple(turns), doubtful=old.doubtful)
-
-
-def _tolerance(matrix: MatrixModel, sizes: FloatArray) -> FloatArray:
-    """By how much an eigenvalue may be below zero in each frame, shape (n_frames,)."""
-    least, most = _SHARES_OF_ENTRIES
-    return np.clip(EIGENVALUE_TOLERANCE * matrix.block.scale, least * sizes, most * sizes)
 
 
 def _deciding_turns(
@@ -139,29 +198,31 @@ def _deciding_turns(
     found = np.zeros(len(unknowns), dtype=bool)
     multiplier = np.zeros((found.size, n, n))
     doubtful = [np.zeros(0, dtype=np.int64)]
-    for part in np.array_split(frames, max(1, -(-frames.size // FRAMES_PER_BATCH))):
-
-        def program(here: FloatArray, which: IntArray, part: IntArray = part) -> MatrixProgram:
-            return model.matrix_program(matrix, here, part[which], coupling)
-
+    for part in np.array_split(frames, -(-frames.size // FRAMES_PER_BATCH)) if frames.size else ():
         start = unknowns[part]
-        first = program(start, np.arange(part.size))
+        first = model.matrix_program(matrix, start, part, coupling)
+
+        def near(
+            here: FloatArray, which: IntArray, part: IntArray = part, first: MatrixProgram = first
+        ) -> MatrixProgram:
+            return model.matrix_program(matrix, here, part[which], coupling, first.frames(which))
+
         with one_thread():
             if model.is_quadratic:
                 answer = solve_matrix_programs(first)
             else:
-                answer = solve_matrix_programs(first, program, start)
+                answer = solve_matrix_programs(first, near, start)
         multiplier[part] = np.where(answer.is_solved[:, None, None], answer.multiplier, 0.0)
         found[part] = answer.is_solved
         lost = np.flatnonzero(~answer.is_solved)
         if lost.size and model.is_quadratic:
-            raised = program(start[lost], lost)
+            raised = near(start[lost], lost)
             with one_thread():
                 best = highest_eigenvalues(raised)
-            least = np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0]
+            least = np.asarray(np.linalg.eigvalsh(raised.at(best.x)[best.is_solved])[:, 0])
             short = np.zeros(lost.size, dtype=bool)
-            sizes = entry_sizes(raised.constant, raised.matrices, np.nan_to_num(best.x))[best.is_solved]
-            short[best.is_solved] = least < -_tolerance(matrix, sizes)
+            x, here = best.x[best.is_solved], part[lost[best.is_solved]]
+            short[best.is_solved] = least < -allowed_below_zero(model.program, matrix, x, here, least)
             beyond = part[lost[short]]
             multiplier[beyond], found[beyond] = best.multiplier[short], True
             doubtful.append(beyond)
@@ -201,7 +262,7 @@ def critical_turns(multiplier: FloatArray, share: float = 1e-6) -> FloatArray:
         similar = values[:, r - 1] > _SIMILAR_WEIGHT * values[:, 0]
         for frames, mix in (
             (np.flatnonzero((rank == r) & similar), _tight_frame(r)),
-            (np.flatnonzero((rank == r) & ~similar), _sums_and_differences(r)),
+            (np.flatnonzero((rank == r) & ~similar), sums_and_differences(r)),
         ):
             weight = np.sqrt(values[frames, :r]) if mix.shape[0] < r * r else np.ones((frames.size, r))
             chosen = (mix * weight[:, None, :]) @ vectors[frames, :r]
@@ -216,10 +277,3 @@ def _tight_frame(r: int) -> FloatArray:
     rows = np.vstack([np.eye(r), *[(np.eye(r)[i] + np.eye(r)[j])[None] for i, j in pairs]])
     values, vectors = np.linalg.eigh(rows.T @ rows)
     return rows @ (vectors / np.sqrt(values)) @ vectors.T
-
-
-def _sums_and_differences(r: int) -> FloatArray:
-    """Rows e_i, e_i + e_j and e_i - e_j, r² of them."""
-    one = np.eye(r)
-    pairs = [(i, j, sign) for i in range(r) for j in range(i) for sign in (1.0, -1.0)]
-    return np.vstack([one, *[(one[i] + sign * one[j])[None] for i, j, sign in pairs]])

@@ -16,12 +16,15 @@ from scso_nlp.exceptions import CouplingError, ProblemError
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
+from scso_nlp.solve.baseline import start_of_baseline
 from scso_nlp.solve.ipopt import SolverOptions
 from scso_nlp.solve.judge import Outcome, judge
 from scso_nlp.solve.local_model import local_model
+from scso_nlp.solve.presolve import can_presolve
 from scso_nlp.solve.programs import Effort, solve_rows, starting_point
 from scso_nlp.solve.redundant import without_redundant_rows
-from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns
+from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns, still_known
+from scso_nlp.solve.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.turns import matrix_models, with_turns
 from scso_nlp.validation import FloatArray
@@ -40,6 +43,7 @@ def solve_trajectory(
     problem: MuscleForceProblem,
     *,
     initial_guess: Solution | None = None,
+    baseline: Solution | None = None,
     options: SolverOptions | None = None,
     on_failure: str = "raise",
 ) -> Solution:
@@ -56,6 +60,9 @@ def solve_trajectory(
     problem : MuscleForceProblem
     initial_guess : Solution, optional
         Of the same motion; what it lacks starts from the default guess.
+    baseline : Solution, optional
+        Of the same motion with fewer constraints: frames in which its optimum keeps all rows are not solved
+        again, the others start there. It counts where no term couples frames and all rows are affine.
     options : SolverOptions, optional
     on_failure : "raise" or "return"
         Whether a failed frame raises or is only marked in ``Solution.frame_status``.
@@ -71,7 +78,7 @@ def solve_trajectory(
     ProblemError
         Contradictory description or options.
     """
-    return _solve(problem, "trajectory", initial_guess, options or SolverOptions(), on_failure)
+    return _solve(problem, "trajectory", (initial_guess, baseline), options or SolverOptions(), on_failure)
 
 
 @checked
@@ -79,6 +86,7 @@ def solve_framewise(
     problem: MuscleForceProblem,
     *,
     initial_guess: Solution | None = None,
+    baseline: Solution | None = None,
     options: SolverOptions | None = None,
     on_failure: str = "raise",
 ) -> Solution:
@@ -88,7 +96,8 @@ def solve_framewise(
     ----------
     problem : MuscleForceProblem
         Without terms that couple frames; see :meth:`MuscleForceProblem.without_coupling`.
-    initial_guess : Solution, optional
+    initial_guess, baseline : Solution, optional
+        As for :func:`solve_trajectory`.
     options : SolverOptions, optional
     on_failure : "raise" or "return"
 
@@ -110,11 +119,15 @@ def solve_framewise(
             f"{', '.join(problem.coupled_terms)} couples frames, so the problem cannot be solved "
             "frame by frame; use solve_trajectory, or problem.without_coupling()"
         )
-    return _solve(problem, "framewise", initial_guess, options or SolverOptions(), on_failure)
+    return _solve(problem, "framewise", (initial_guess, baseline), options or SolverOptions(), on_failure)
 
 
 def _solve(
-    problem: MuscleForceProblem, solver: str, guess: Solution | None, options: SolverOptions, on_failure: str
+    problem: MuscleForceProblem,
+    solver: str,
+    given: tuple[Solution | None, Solution | None],
+    options: SolverOptions,
+    on_failure: str,
 ) -> Solution:
     if on_failure not in ("raise", "return"):
         raise ProblemError(f"on_failure is {on_failure!r}, expected 'raise' or 'return'")
@@ -126,7 +139,8 @@ def _solve(
     if program.matrices:
         options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
     effort = Effort(build_seconds=time.perf_counter() - started)
-    outcome, rounds = _solve_rounds(program, solver == "trajectory", guess, options, effort)
+    with one_thread():
+        outcome, rounds = _solve_rounds(program, solver == "trajectory", given, options, effort)
     report = SolveReport(
         solver=solver,
         iterations=effort.iterations,
@@ -135,8 +149,10 @@ def _solve(
         options=asdict(options),
         versions=versions(),
         rounds=rounds,
+        kept_frames=effort.kept_frames,
     )
-    solution = judge(outcome, report)
+    with one_thread():
+        solution = judge(outcome, report)
     _LOG.info(
         "%s (%s): %s; %d rounds, %d iterations, build %.2f s, solve %.2f s",
         problem.motion.name,
@@ -147,6 +163,8 @@ def _solve(
         report.build_seconds,
         report.solve_seconds,
     )
+    if given[1] is not None:
+        _LOG.info("%s: %s", problem.motion.name, report.kept(problem.motion.n_frames))
     if on_failure == "raise" and not solution.is_solved.all():
         raise SolveFailed(solution)
     return solution
@@ -155,19 +173,26 @@ def _solve(
 def _solve_rounds(
     program: FrameProgram,
     together: bool,
-    guess: Solution | None,
+    given: tuple[Solution | None, Solution | None],
     options: SolverOptions,
     effort: Effort,
 ) -> tuple[Outcome, int]:
     """Solve, and solve again while matrix inequalities need more rows."""
     started = time.perf_counter()
+    guess, baseline = given
     start = starting_point(program, guess)
-    model, turns = None, Turns()
+    model, turns, known = None, Turns(), None
+    is_begun = baseline is not None and can_presolve(program)
+    if baseline is not None and is_begun:
+        starting_point(program, baseline)  # refuses that of another motion
+        known, is_solved = start_of_baseline(program, baseline)
+        start = np.where(is_solved[:, None], known.unknowns, start)
     if program.matrices:
         model = local_model(program)
-        turns = foreseen_turns(model, start)
+        turns, known = foreseen_turns(model, start, known)
     effort.build_seconds += time.perf_counter() - started
-    if guess is None:
+    is_open = known is None or not known.is_optimal.all()
+    if guess is None and not is_begun and is_open:
         problem = program.problem
         start = _gentle_start(problem, start, turns, together=together, options=options, effort=effort)
     for rounds in range(1, _MAX_ROUNDS + 1):
@@ -175,8 +200,16 @@ def _solve_rounds(
         rows = program if model is None else with_turns(program, model.matrices, turns.turns)
         effort.build_seconds += time.perf_counter() - started
         outcome = solve_rows(
-            rows, start, together=together, doubtful=turns.doubtful, options=options, effort=effort
+            rows,
+            start,
+            together=together,
+            doubtful=turns.doubtful,
+            options=options,
+            effort=effort,
+            known=known,
         )
+        if is_begun and rounds == 1:
+            effort.kept_frames = effort.taken_over
         if model is None:
             return outcome, rounds
         started = time.perf_counter()
@@ -186,7 +219,7 @@ def _solve_rounds(
         effort.build_seconds += time.perf_counter() - started
         if tighter is None:
             return outcome, rounds
-        turns = tighter
+        known, turns = still_known(turns, tighter, rows, outcome), tighter
     _LOG.warning("rows were still being added after %d rounds", _MAX_ROUNDS)
     return replace(outcome, status=(Status.ITERATION_LIMIT,) * len(outcome.status)), rounds
 

@@ -13,7 +13,7 @@ import numpy as np
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
-from scso_nlp.validation import FloatArray, positions
+from scso_nlp.validation import FloatArray, IntArray, positions
 
 #: Coordinates whose share of a turn is below this are not named [-].
 _LEAST_SHARE = 0.15
@@ -59,6 +59,23 @@ class HessianTerms:
             path_length=self.path_length,
             external_work=-self.constant[:, each, each],
         )
+
+    def triangles(self) -> tuple[FloatArray, FloatArray]:
+        """Give the Hessian as a weighted sum of matrices, lower triangles column by column.
+
+        Returns
+        -------
+        matrices : ndarray, shape (n_frames, n (n + 1) / 2, 2 n_muscles)
+            What each newton of tendon force [m], then each N/m of stiffness [m²] adds.
+        constant : ndarray, shape (n_frames, n (n + 1) / 2) [N·m/rad]
+        """
+        column, row = np.triu_indices(len(self.coordinates))
+        n_frames, _, n_muscles = self.moment_arms.shape
+        matrices = np.empty((n_frames, row.size, 2 * n_muscles))
+        for entry, (i, j) in enumerate(zip(row, column, strict=True)):
+            matrices[:, entry, :n_muscles] = self.curvature[:, i, j]
+            matrices[:, entry, n_muscles:] = self.moment_arms[:, i] * self.moment_arms[:, j]
+        return matrices, self.constant[:, row, column]
 
     def hessian(self, tendon_force: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Put the Hessian together.
@@ -111,7 +128,9 @@ def hessian_terms(
     curvature = require_curvature(trajectory)
     names = curvature.coordinates if coordinates is None else tuple(coordinates)
     chosen = positions("coordinate with curvature", names, curvature.coordinates)
-    both = np.ix_(np.arange(trajectory.n_frames), chosen, chosen)
+    both: tuple[slice | IntArray, ...] = np.ix_(np.arange(trajectory.n_frames), chosen, chosen)
+    if names == curvature.coordinates:
+        both = (slice(None),)  # no copy
     constant = curvature.load_stiffness[both]
     if model_passive:
         constant = constant + curvature.passive_stiffness[both]

@@ -262,9 +262,11 @@ class _Description:
         position: int | None,
     ) -> RowBlock | MatrixBlock | None:
         if isinstance(rows, MatrixRows):
-            lower_triangle = ca.SX(rows.value)[ca.Sparsity.lower(len(rows.names))]
-            entries = ca.vertcat(*lower_triangle.nonzeros())
-            return matrix_block(name, rows, piece=self._piece(entries, False), missed=position)
+            weights = self._piece(ca.densify(ca.vec(ca.SX(rows.weights))), False)
+            time = self.problem.motion.trajectory.time
+            block, arrays = matrix_block(name, rows, piece=weights, missed=position, time=time)
+            self.arrays |= arrays
+            return block
         if rows is None or not ca.SX(rows.value).numel():
             return None
         value = ca.vec(ca.SX(rows.value))

@@ -63,9 +63,10 @@ class RowBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixBlock:
-    """A matrix inequality of one term; `piece` is the lower triangle of H, column by column, unscaled.
+    """A matrix inequality of one term; `piece` has the weights of its matrices, unscaled.
 
-    `missed` is the position of the unknown by which it may be missed, or None.
+    `matrices` and `constant` say where they are among the arrays of the program, lower triangles column by
+    column; `missed` is the position of the unknown by which it may be missed, or None.
     """
 
     term: str
@@ -77,10 +78,28 @@ class MatrixBlock:
     missed: int | None
 
     @property
+    def matrices(self) -> Key:
+        """Name of the array of matrices, shape (n_frames, n_entries, n_weights)."""
+        return (self.term, "matrices of the inequality")
+
+    @property
+    def constant(self) -> Key:
+        """Name of the array of what does not depend on the unknowns, shape (n_frames, n_entries)."""
+        return (self.term, "constant of the inequality")
+
+    @property
     def triangle(self) -> tuple[IntArray, IntArray]:
         """Row and column of each entry of the lower triangle."""
         column, row = np.triu_indices(len(self.names))
         return row, column
+
+    def value(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
+        """H in every frame at scaled unknowns, shape (n_frames, n, n)."""
+        return self.filled(self.entries(self.piece.values(unknowns, arrays), arrays))
+
+    def entries(self, weights: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
+        """Lower triangle of H for weights (n_frames, n_weights), shape (n_frames, n_entries)."""
+        return (arrays[self.matrices] @ weights[:, :, None])[:, :, 0] + arrays[self.constant]
 
     def filled(self, entries: FloatArray) -> FloatArray:
         """Make symmetric matrices (…, n, n) of lower triangles (…, n_entries)."""
@@ -178,21 +197,32 @@ def row_block(name: str, rows: Rows, *, is_pair: bool, piece: Piece, missed: int
     )
 
 
-def matrix_block(name: str, rows: MatrixRows, *, piece: Piece, missed: int | None) -> MatrixBlock:
-    """Check what a term says of its matrix inequality.
+def matrix_block(
+    name: str, rows: MatrixRows, *, piece: Piece, missed: int | None, time: FloatArray
+) -> tuple[MatrixBlock, dict[Key, FloatArray]]:
+    """Check what a term says of its matrix inequality; give the arrays with its matrices, too.
 
     Raises
     ------
     ProblemError
-        Names, levels or scale that do not fit the matrix.
+        Names, levels, matrices or scale that do not fit each other.
+    DataError
+        Matrices that are not finite.
     """
     n = len(rows.names)
-    if rows.value.shape != (n, n):
-        raise ProblemError(f"{name} returned a matrix of shape {rows.value.shape} and {n} names")
+    matrices, constant = np.asarray(rows.matrices, dtype=float), np.asarray(rows.constant, dtype=float)
+    shape = (time.size, n * (n + 1) // 2, piece.expression.numel())
+    for what, array, expected in (("matrices", matrices, shape), ("constant", constant, shape[:2])):
+        if array.shape != expected:
+            raise ProblemError(f"{what} of {name} have shape {array.shape}, expected {expected}")
+        broken = ~np.isfinite(array).reshape(time.size, -1).all(axis=1)
+        if broken.any():
+            k = int(np.flatnonzero(broken)[0])
+            raise DataError(f"{what} of {name} are not finite at frame {k} (t = {time[k]:g} s)")
     if np.shape(rows.lower) not in ((), (n,)) or not np.isfinite(rows.lower).all():
         raise ProblemError(f"lower of {name} is {rows.lower}, expected one finite number or {n}")
     _check_scale(name, rows.scale)
-    return MatrixBlock(
+    block = MatrixBlock(
         term=name,
         names=tuple(rows.names),
         unit=rows.unit,
@@ -201,6 +231,7 @@ def matrix_block(name: str, rows: MatrixRows, *, piece: Piece, missed: int | Non
         piece=piece,
         missed=missed,
     )
+    return block, {block.matrices: matrices, block.constant: constant}
 
 
 def _check_scale(name: str, scale: float) -> None:

@@ -27,41 +27,83 @@ class MatrixModel:
 
     def value(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
         """G in every frame, shape (n_frames, n, n)."""
-        return self._lowered(self.block.piece.values(unknowns, arrays), unknowns)
+        weights = self.block.piece.values(unknowns, arrays)
+        return self.block.filled(self._entries(weights, unknowns, arrays))
 
     def model(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """G and its derivatives by the unknowns, shapes (n_frames, n, n) and (n_frames, size, n, n)."""
-        entries, slopes = self.derivatives.at(unknowns, arrays)
-        n_frames, size = unknowns.shape
-        triangle = np.zeros((n_frames, size, entries.shape[1]))
-        triangle[:, self.derivatives.column, self.derivatives.row] = slopes
-        matrices = self.block.filled(triangle)
+        entries, slopes = self.triangle(unknowns, arrays)
+        return self.block.filled(entries), self.block.filled(slopes.transpose(0, 2, 1))
+
+    def triangle(
+        self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Lower triangle of G and its derivatives, shapes (n_frames, n_entries) and (…, n_entries, size)."""
+        weights, changes = self.derivatives.at(unknowns, arrays)
+        slopes = self._by_unknowns(arrays[self.block.matrices], changes)
         if self.block.missed is not None:
-            matrices[:, self.block.missed] += self.block.scale * np.eye(len(self.block.names))
-        return self._lowered(entries, unknowns), matrices
+            slopes[:, self._on_diagonal, self.block.missed] += self.block.scale
+        return self._entries(weights, unknowns, arrays), slopes
 
-    def _lowered(self, entries: FloatArray, unknowns: FloatArray) -> FloatArray:
+    def along(
+        self, turns: FloatArray, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Products v'Gv with turns (n_frames, n_turns, n), and derivatives (n_frames, n_turns, size)."""
+        products = self.products(turns)
+        weights, changes = self.derivatives.at(unknowns, arrays)
+        entries = self._entries(weights, unknowns, arrays)
+        slopes = self._by_unknowns(products @ arrays[self.block.matrices], changes)
+        if self.block.missed is not None:
+            slopes[:, :, self.block.missed] += self.block.scale * (turns * turns).sum(axis=2)
+        return (products @ entries[:, :, None])[:, :, 0], slopes
+
+    def products(self, turns: FloatArray, others: FloatArray | None = None) -> FloatArray:
+        """By what each entry of a lower triangle counts in v'Gv, or v'Gw: (…, n_turns, n_entries)."""
+        row, column = self.block.triangle
+        others = turns if others is None else others
+        one = turns[..., row] * others[..., column]
+        return np.where(row == column, one, one + turns[..., column] * others[..., row])
+
+    @property
+    def _on_diagonal(self) -> IntArray:
+        row, column = self.block.triangle
+        return np.flatnonzero(row == column)
+
+    def _by_unknowns(self, by_weights: FloatArray, changes: FloatArray) -> FloatArray:
+        """Multiply (n_frames, m, n_weights) by the Jacobian of the weights: (n_frames, m, size)."""
+        weight, unknown = self.derivatives.row, self.derivatives.column
+        result = np.zeros((*by_weights.shape[:2], self.block.piece.unknowns[0].numel()))
+        # unknowns stand in ascending order: the first weight of each, then the second, and so on
+        rank = np.arange(unknown.size) - np.searchsorted(unknown, unknown)
+        for i in range(int(rank.max(initial=-1)) + 1):
+            here = np.flatnonzero(rank == i)
+            result[:, :, unknown[here]] += by_weights[:, :, weight[here]] * changes[:, None, here]
+        return result
+
+    def _entries(
+        self, weights: FloatArray, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
+    ) -> FloatArray:
         block = self.block
-        matrix = block.filled(entries) - np.diag(block.lower)
+        entries = block.entries(weights, arrays)
+        entries[:, self._on_diagonal] -= block.lower
         if block.missed is not None:
-            matrix += (block.scale * unknowns[:, block.missed])[:, None, None] * np.eye(len(block.names))
-        return matrix
+            entries[:, self._on_diagonal] += block.scale * unknowns[:, block.missed, None]
+        return entries
 
 
-def entry_sizes(constant: FloatArray, matrices: FloatArray, unknowns: FloatArray) -> FloatArray:
-    """Add up the largest entry of K + sum x_i G_i, signs aside, shape (n_frames,)."""
-    parts = np.abs(constant) + np.einsum("kxij,kx->kij", np.abs(matrices), np.abs(unknowns))
-    return np.asarray(parts.max(axis=(1, 2)))
-
-
-def matrix_sizes(program: FrameProgram, model: MatrixModel, unknowns: FloatArray) -> FloatArray:
-    """Add up the largest entry of a matrix inequality at unknowns, signs aside, shape (n_frames,)."""
-    sizes = []
-    for start in range(0, len(unknowns), _FRAMES_AT_ONCE):
-        here = unknowns[start : start + _FRAMES_AT_ONCE]
-        value, matrices = model.model(here, part_of(program, np.arange(start, start + len(here))))
-        sizes.append(entry_sizes(value - np.einsum("kxij,kx->kij", matrices, here), matrices, here))
-    return np.concatenate(sizes)
+def matrix_sizes(
+    program: FrameProgram, model: MatrixModel, unknowns: FloatArray, frames: IntArray
+) -> FloatArray:
+    """Add up the largest entry of a matrix inequality at unknowns of some frames, signs aside."""
+    sizes = np.zeros(frames.size)
+    for start in range(0, frames.size, _FRAMES_AT_ONCE):
+        part = slice(start, start + _FRAMES_AT_ONCE)
+        here = unknowns[part]
+        value, slopes = model.triangle(here, part_of(program, frames[part]))
+        constant = value - (slopes @ here[:, :, None])[:, :, 0]
+        each = np.abs(constant) + (np.abs(slopes) @ np.abs(here)[:, :, None])[:, :, 0]
+        sizes[part] = each.max(axis=1)
+    return sizes
 
 
 def matrix_models(program: FrameProgram) -> tuple[MatrixModel, ...]:
@@ -116,9 +158,13 @@ def _with_turns_of(program: FrameProgram, model: MatrixModel, turns: FloatArray)
         dense, constant = _affine_turns(program, model, turns)
         split = replace(split, affine=split.affine.with_rows(first, dense, constant))
     else:
-        key = (block.term, "turns")
-        arrays = {**arrays, key: turns}
-        nonlinear = (_curved_turns(block, n_turns, key), first + np.arange(n_turns))
+        products = model.products(turns)
+        new = {
+            (block.term, "turned matrices"): products @ arrays[block.matrices] / block.scale,
+            (block.term, "turned constant"): _turned_constant(model, arrays, turns),
+        }
+        arrays = {**arrays, **new}
+        nonlinear = (_curved_turns(block, n_turns, tuple(new)), first + np.arange(n_turns))
         split = replace(split, nonlinear=(*split.nonlinear, nonlinear))
     return replace(program, rows=RowTable((*program.rows.blocks, rows)), arrays=arrays, split=split)
 
@@ -127,16 +173,13 @@ def _affine_turns(
     program: FrameProgram, model: MatrixModel, turns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Scaled coefficients (n_frames, n_turns, size) and constants (n_frames, n_turns) of the rows."""
-    n_frames, n_turns, n = turns.shape
+    n_frames, n_turns = turns.shape[:2]
     dense, constant = np.zeros((n_frames, n_turns, program.layout.size)), np.zeros((n_frames, n_turns))
     for start in range(0, n_frames, _FRAMES_AT_ONCE):
         part = slice(start, start + _FRAMES_AT_ONCE)
-        arrays = part_of(program, np.arange(n_frames)[part])
-        here = turns[part]
-        value, matrices = model.model(np.zeros((len(here), program.layout.size)), arrays)
-        constant[part] = np.einsum("kri,kij,krj->kr", here, value, here, optimize=True)
-        products = (here[:, :, :, None] * here[:, :, None, :]).reshape(len(here), n_turns, n * n)
-        dense[part] = products @ matrices.reshape(len(here), program.layout.size, n * n).transpose(0, 2, 1)
+        here, arrays = turns[part], part_of(program, np.arange(n_frames)[part])
+        zero = np.zeros((len(here), program.layout.size))
+        constant[part], dense[part] = model.along(here, zero, arrays)
     return dense / model.block.scale, constant / model.block.scale
 
 
@@ -145,20 +188,24 @@ def part_of(program: FrameProgram, frames: IntArray) -> dict[Key, FloatArray]:
     return {key: array[frames] for key, array in program.arrays.items() if len(array) == program.time.size}
 
 
-def _curved_turns(block: MatrixBlock, n_turns: int, key: Key) -> Piece:
-    """Write the rows down as expressions, divided by their scale; a row without a turn is kept by 1."""
-    piece, n = block.piece, len(block.names)
-    turns = ca.SX.sym("turns", n_turns, n)
-    matrix = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), ca.densify(piece.expression))) - ca.diag(
-        ca.DM(block.lower)
-    )
+def _turned_constant(model: MatrixModel, arrays: Mapping[Key, FloatArray], turns: FloatArray) -> FloatArray:
+    """Give what rows have besides their weights, scaled, (n_frames, n_turns); 1 for rows without a turn."""
+    block = model.block
+    own = (model.products(turns) @ arrays[block.constant][:, :, None])[:, :, 0] - (turns**2) @ block.lower
+    return own / block.scale + (turns == 0).all(axis=2)
+
+
+def _curved_turns(block: MatrixBlock, n_turns: int, keys: tuple[Key, ...]) -> Piece:
+    """Write the rows down as expressions, divided by their scale, with the arrays of the given names."""
+    piece = block.piece
+    matrices = ca.SX.sym("matrices", n_turns, piece.expression.numel())
+    constant = ca.SX.sym("constant", n_turns)
+    value = matrices @ piece.expression + constant
     if block.missed is not None:
-        matrix += block.scale * piece.unknowns[0][block.missed] * ca.SX.eye(n)
-    value = ca.sum2((turns @ matrix) * turns)
-    absent = 1 - ca.sum2(turns * turns)
+        value += piece.unknowns[0][block.missed]
     return replace(
         piece,
-        expression=value / block.scale + absent,
-        data=(*piece.data, (0, key)),
-        symbols=(*piece.symbols, turns),
+        expression=value,
+        data=(*piece.data, *((0, key) for key in keys)),
+        symbols=(*piece.symbols, matrices, constant),
     )

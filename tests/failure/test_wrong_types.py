@@ -91,7 +91,9 @@ def examples(tmp_path_factory):
         scso.ActivationRate(), scso.ActivationDynamics(), scso.NoPhysiology(), scso.RigidTendon(),
         scso.CompliantTendon(), scso.ProportionalStiffness(), scso.ShortRangeStiffness(),
         scso.FiberStiffness(), scso.Rows(value=ca.SX(1), lower=0.0, upper=1.0, names=("a",)),
-        scso.MatrixRows(value=ca.SX(1), lower=0.0, names=("a",)), scso.Frame(**frame, muscle=state),
+        scso.MatrixRows(
+            weights=ca.SX(1), matrices=np.ones((1, 1, 1)), constant=np.zeros((1, 1)), lower=0.0, names=("a",)
+        ), scso.Frame(**frame, muscle=state),
         scso.VariableSpec(name="a", labels=("a",)),
     ]  # fmt: skip
     found = {
