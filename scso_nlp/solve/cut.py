@@ -257,7 +257,23 @@ def _turns_of(vectors: FloatArray, count: IntArray, with_sums: BoolArray) -> Flo
 def allowed_below_zero(
     program: FrameProgram, matrix: MatrixModel, unknowns: FloatArray, frames: IntArray, least: FloatArray
 ) -> FloatArray:
-    """Say how far the least eigenvalues of some frames may be below zero; 0 where they are not."""
+    """Say how far the least eigenvalues of some frames may be below zero.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    matrix : MatrixModel
+    unknowns : ndarray, shape (n, n_unknowns)
+        Scaled.
+    frames : ndarray of int, shape (n,)
+    least : ndarray, shape (n,) [unit of the matrix]
+        Least eigenvalues.
+
+    Returns
+    -------
+    ndarray, shape (n,) [unit of the matrix]
+        Zero where the eigenvalue is not below zero.
+    """
     allowed, below = np.zeros(frames.size), np.flatnonzero(least < 0)
     sizes = matrix_sizes(program, matrix, unknowns[below], frames[below])
     smallest, largest = _SHARES_OF_ENTRIES
