@@ -56,6 +56,8 @@ _TOLERANCE = 1e-8
 
 #: Steps that take back what rounding has missed, and their regularization [-].
 _SETTLING_STEPS, _RIDGE = 4, 1e-12
+#: They end where one leaves more than this of what it found.
+_LEAST_GAIN = 0.1
 
 _EQUATION, _INEQUALITY = 5, 0
 #: Flags of DAQP: optimal, to rounding only, infeasible.
@@ -231,6 +233,8 @@ class Block:
         )
         self.unknowns, self.multipliers = start.copy(), np.zeros(self.used.shape)
         self.is_contradicted = np.zeros(frames.size, dtype=bool)
+        self.diagonal = np.zeros((start.shape[1], start.shape[1]))
+        self._collect_sides()
         self.is_feasible = self._missed() <= _TOLERANCE
 
     def solve(self) -> None:
@@ -289,6 +293,14 @@ class Block:
         self.most = np.hstack([self.most, np.full(least.shape, np.inf)])
         self.multipliers = np.hstack([self.multipliers, np.zeros(least.shape)])
         self.is_feasible = self.is_feasible & ~used.any(axis=1)
+        self._collect_sides()
+
+    def _collect_sides(self) -> None:
+        """Put bounds and rows behind each other, as the active-set method takes them."""
+        self.low, self.high = np.hstack([self.lower, self.least]), np.hstack([self.upper, self.most])
+        self.kind = np.where(self.low == self.high, _EQUATION, _INEQUALITY).astype(np.int32)
+        bounds = np.ones(self.lower.shape, dtype=bool)
+        self.is_side = np.hstack([bounds, self.used])
 
     def _make_feasible(self) -> None:
         """Move frames that do not keep their rows to the point nearest to zero that does."""
@@ -317,7 +329,10 @@ class Block:
 
     def _target(self, k: int, gradient: FloatArray, hessian: FloatArray) -> tuple[FloatArray | None, bool]:
         """Solve the quadratic model of one frame; None where it has no optimum, and whether it is exact."""
-        here, used = self.unknowns[k], self.used[k]
+        here, used, sides = self.unknowns[k], self.used[k], self.is_side[k]
+        rows, low, high, kind = self.matrix[k], self.low[k], self.high[k], self.kind[k]
+        if not used.all():
+            rows, low, high, kind = rows[used], low[sides], high[sides], kind[sides]
         size = max(float(np.abs(here).max(initial=0.0)) or 1.0, _SMALLEST_SIZE)
         is_diagonal = hessian.ndim == 1
         curvature = hessian if is_diagonal else np.diagonal(hessian)
@@ -327,14 +342,12 @@ class Block:
             return None, False
         if most == 0:
             most = _FLATNESS * np.abs(gradient).max(initial=0.0) / size or 1.0
-        lower = np.append(self.lower[k], self.least[k, used])
-        upper = np.append(self.upper[k], self.most[k, used])
-        is_equation = np.where(lower == upper, _EQUATION, _INEQUALITY).astype(np.int32)
         is_exact = self.objective.is_quadratic and size > _LEAST_SIZE and is_diagonal
         for share in _LEAST_CURVATURE:
             if is_diagonal:
                 raised = np.maximum(curvature, share * most)
-                matrix, linear = np.diag(raised / most), gradient - raised * here
+                matrix, linear = self.diagonal, gradient - raised * here
+                np.fill_diagonal(matrix, raised / most)
                 is_exact = is_exact and bool((raised == curvature).all())
             else:
                 raised = hessian + share * most * np.eye(curvature.size)
@@ -342,10 +355,10 @@ class Block:
             found, _, flag, info = daqp.solve(
                 matrix,
                 linear / (most * size),
-                self.matrix[k, used],
-                upper / size,
-                lower / size,
-                is_equation,
+                rows,
+                high / size,
+                low / size,
+                kind,
                 primal_start=here / size,
                 primal_tol=self.tolerance,
             )
@@ -361,6 +374,7 @@ class Block:
 
         The solver of the whole program would take a Newton step for it, and a flat objective makes that long.
         """
+        before = np.inf
         for _ in range(_SETTLING_STEPS):
             x = self.unknowns
             value = (self.matrix @ x[:, :, None])[:, :, 0]
@@ -370,6 +384,10 @@ class Block:
             aim = np.where(pushed & (self.multipliers > 0), self.most, aim)
             is_tight = self.used & (pushed | (aim != value))
             left = np.where(is_tight & np.isfinite(aim), aim - value, 0.0)
+            missed = np.abs(left).max(initial=0.0)
+            if not 0 < missed < _LEAST_GAIN * before:
+                return
+            before = missed
             # tight rows first, the others left out
             first = np.argsort(~is_tight, axis=1, kind="stable")[:, : is_tight.sum(axis=1).max(initial=0)]
             left, is_tight = (np.take_along_axis(each, first, axis=1) for each in (left, is_tight))
