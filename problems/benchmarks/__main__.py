@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from problems.benchmarks.cases import CASES
-from problems.benchmarks.measuring import MOCO, OPENSIM, facts, measure
+from problems.benchmarks.measuring import MOCO, OPENSIM, ROOT, facts, measure
 from problems.benchmarks.page import table, write_pages
 from problems.benchmarks.peers import PEERS
 from scso_nlp.files import write_whole
@@ -41,7 +41,9 @@ def main(words: list[str] | None = None) -> int:
     default = os.environ.get("SCSO_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")
     parser.add_argument("--data", type=Path, default=Path(default), help="folder of the third-party data")
     parser.add_argument("--output", type=Path, help="result file; by default results/<date>.json")
-    parser.add_argument("--pages", action="store_true", help="write page and README from --output, or the latest")
+    parser.add_argument(
+        "--pages", action="store_true", help="write page and README from --output, or the latest"
+    )
     parser.add_argument("--one", choices=_NAMES, help=argparse.SUPPRESS)
     chosen = parser.parse_args(words)
     if chosen.one:
@@ -49,15 +51,14 @@ def main(words: list[str] | None = None) -> int:
         return 0
     if chosen.pages:
         source = chosen.output or max(RESULTS.glob("*.json"))
-        write_pages(json.loads(source.read_text(encoding="utf-8")), source.name)
+        write_pages(json.loads(source.read_text(encoding="utf-8")), source.name, ROOT)
         return 0
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     output = chosen.output or RESULTS / f"{today}{'_quick' if chosen.quick else ''}.json"
     result = _begun(output, today, chosen.quick)
-    passed = sys.argv[1:] if words is None else words
     for name in chosen.cases or _NAMES:
         if name not in result["seconds"]:
-            _run_case(name, passed, result, output)
+            _run_case(name, chosen, result, output)
     print(table(result["rows"]))
     return 0
 
@@ -71,17 +72,27 @@ def _begun(output: Path, today: str, quick: bool) -> dict[str, Any]:
     old = json.loads(output.read_text(encoding="utf-8"))
     if (old["facts"], old["quick"]) != (new["facts"], quick):
         raise SystemExit(
-            f"{output} was measured on another machine, with other versions or otherwise quick; give another --output"
+            f"{output} was measured elsewhere, with other versions or otherwise quick: give another --output"
         )
     old["rows"] = [row for row in old["rows"] if row["case"] in old["seconds"]]
     return old
 
 
-def _run_case(name: str, words: list[str], result: dict[str, Any], output: Path) -> None:
+def _run_case(name: str, chosen: argparse.Namespace, result: dict[str, Any], output: Path) -> None:
     """Measure one case in a process of its own; write every measurement as it comes."""
     started = time.perf_counter()
-    command = [sys.executable, "-m", "problems.benchmarks", *words, "--one", name]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "problems.benchmarks",
+        "--one",
+        name,
+        "--data",
+        str(chosen.data.resolve()),
+    ]
+    command += ["--quick"] if chosen.quick else []
+    command += [] if chosen.peers is None else ["--peers", ",".join(chosen.peers) or "none"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None
         for line in process.stdout:
             result["rows"].append(json.loads(line))

@@ -16,8 +16,8 @@ from scso_nlp import (
     CoordinateStability,
     HessianStability,
     JointStability,
-    Motion,
     MomentEquilibrium,
+    Motion,
     MuscleForceProblem,
     RigidTendon,
     static_optimization,
@@ -86,7 +86,9 @@ class Case:
             self,
             powers={kind: powers[:1] for kind, powers in self.powers.items()},
             opensim=self.opensim[:1],
-            opensim_times=None if self.name in ("arm26", "gait10dof18musc") else self.opensim_times or (1.0, 1.05),
+            opensim_times=None
+            if self.name in ("arm26", "gait10dof18musc")
+            else self.opensim_times or (1.0, 1.05),
             coupled=False,
             moco=False,
             figures=False,
@@ -107,13 +109,13 @@ class Case:
         return HessianStability(q=self.q, coordinates=self.coordinates)
 
     def extras(self, kind: str) -> dict[str, Any]:
-        """What the extraction has to give besides, as fields of a motion's description."""
+        """Name what the extraction has to give besides, as fields of a motion's description."""
         if kind == SCSO:
             return {"stability_axes": tuple((joint, axis) for joint in self.joints for axis in self.axes)}
         return {"curvature_coordinates": self.coordinates} if kind == FULL else {}
 
     def options(self, kind: str) -> list[str]:
-        """What `scso run` is told."""
+        """Say what `scso run` is told."""
         words = ["--coupled-speeds-from-constraints"] if self.consistent_speeds and kind != SO else []
         flags = {"step_interval": "--step-interval", "lowpass_cutoff_frequency": "--lowpass-cutoff-frequency"}
         flags |= {"initial_time": "--initial-time", "final_time": "--final-time"}
@@ -232,6 +234,12 @@ CASES = (
         make=_lift,
         powers={SO: (2.0, 3.0), SCSO: (2.0, 3.0), FULL: (2.0, 3.0)},
         opensim=(),
+    ),
+    Case(
+        name="synthetic_smallest",
+        about="20 random frames: all powers and questions in seconds",
+        powers={SO: ALL_POWERS, SCSO: ALL_POWERS, FULL: (2.0,)},
+        sizes=((3, 12, 20),),
     ),
     Case(
         name="synthetic_frames",

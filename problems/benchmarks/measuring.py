@@ -1,9 +1,9 @@
-"""Measures one case: each stage, each question by us and by others, and what every answer is worth.
+"""Measure one case: each stage, each question by us and by others, and what every answer is worth.
 
-A measurement is a mapping: ``case``, ``what`` (stage or question), ``by``, ``power``, ``frames``, ``seconds``,
-``cpu_seconds``, ``peak_mb``; of answers ``kept`` (frames that keep everything), the largest that is missed
-(``equilibrium``, ``stability``, ``bounds``) and ``objective``, how far the worst kept frame is above the best
-answer; and ``note``. What does not apply is left out.
+A measurement is a mapping: ``case``, ``what`` (stage or question), ``by``, ``power``, ``frames``,
+``seconds``, ``cpu_seconds``, ``peak_mb``; of answers ``kept`` (frames that keep everything), the largest
+that is missed (``equilibrium``, ``stability``, ``bounds``) and ``objective``, how far the worst kept frame is
+above the best answer; and ``note``. What does not apply is left out.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,12 +29,15 @@ import scso_nlp as scso
 from problems.benchmarks.cases import FULL, SCSO, SO, Case, synthetic
 from problems.benchmarks.peers import PEERS
 from problems.benchmarks.questions import Question, ask
+from problems.random_hessian.lifted_stability import LiftedStability
 from scso_nlp.io.storage import read_storage
 from scso_nlp.validation import FloatArray, IntArray
 
 _Result = TypeVar("_Result")
 Measurement = dict[str, Any]
 
+#: Where this package of problems can be imported from.
+ROOT = Path(__file__).parents[2]
 #: Who answers.
 TRAJECTORY, FRAMEWISE, OPENSIM, MOCO = "trajectory-wide", "frame by frame", "OpenSim", "MocoInverse"
 RUN = "scso run"
@@ -44,6 +47,8 @@ KEPT, KEPT_BOUNDS = 1e-4, 1e-6
 SHORT = 1.0
 #: Frame by frame takes frames spread evenly of motions that are longer.
 MOST_FRAMEWISE = 1200
+#: Coordinates up to which the Hessian is tried with its Cholesky factor as unknowns too.
+MOST_LIFTED = 10
 #: MocoInverse: start, mesh interval [s] and points.
 MOCO_START, MOCO_MESH, MOCO_POINTS = 0.81, 0.02, 6
 
@@ -60,8 +65,12 @@ import opensim
 folder, start, mesh, points = sys.argv[1], *map(float, sys.argv[2:])
 opensim.Logger.setLevelString("Off")
 model = opensim.ModelProcessor(f"{folder}/subject_walk_scaled.osim")
+toes = opensim.StdVectorString()  # the motion has no columns for them
+toes.append("mtp_r")
+toes.append("mtp_l")
 for change in (
     opensim.ModOpAddExternalLoads(f"{folder}/grf_walk.xml"),
+    opensim.ModOpReplaceJointsWithWelds(toes),
     opensim.ModOpIgnoreTendonCompliance(),
     opensim.ModOpReplaceMusclesWithDeGrooteFregly2016(),
     opensim.ModOpIgnorePassiveFiberForcesDGF(),
@@ -78,7 +87,7 @@ inverse.set_final_time(start + mesh * (points - 1))
 inverse.set_mesh_interval(mesh)
 inverse.set_kinematics_allow_extra_columns(True)
 started = time.perf_counter()
-solution = inverse.solve().getMocoSolution()
+solution = inverse.solve().getMocoSolution().unseal()
 seconds = time.perf_counter() - started
 print(json.dumps({"seconds": seconds, "solved": solution.success(), "points": solution.getNumTimes()}))
 """
@@ -167,7 +176,7 @@ def _random_motions(case: Case, peers: frozenset[str] | None) -> Iterator[Measur
         for size in case.sizes:
             words = "{} coordinates, {} muscles".format(*size)
             command = [sys.executable, "-m", "problems.benchmarks.measuring", *map(str, size), kind]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
             found = {"what": f"{kind}, {words}, alone", "by": TRAJECTORY, "power": 2.0, "frames": size[2]}
             if done.returncode:
                 yield {**found, "note": _last_line(done)}
@@ -176,7 +185,12 @@ def _random_motions(case: Case, peers: frozenset[str] | None) -> Iterator[Measur
             for power in powers:
                 problem = synthetic(*size, kind)
                 problem = replace(problem, objectives=(scso.ActivationEffort(exponent=power),))
-                yield from _question(problem, f"{kind}, {words}", peers)
+                forms = {}
+                if kind == FULL and power == 2.0 and size[0] <= MOST_LIFTED:
+                    forms["Cholesky factor as unknowns"] = replace(
+                        problem, constraints=(scso.MomentEquilibrium(), LiftedStability())
+                    )
+                yield from _question(problem, f"{kind}, {words}", peers, forms)
 
 
 def _alone(n_coordinates: int, n_muscles: int, n_frames: int, kind: str) -> Measurement:
@@ -229,8 +243,13 @@ def _frames_of(folder: Path) -> int:
     return len(read_storage(found[0]).time) if found else 0
 
 
-def _question(problem: scso.MuscleForceProblem, what: str, peers: frozenset[str] | None) -> Iterator[Measurement]:
-    """Let everybody answer one question, and compare the answers."""
+def _question(
+    problem: scso.MuscleForceProblem,
+    what: str,
+    peers: frozenset[str] | None,
+    forms: Mapping[str, scso.MuscleForceProblem] | None = None,
+) -> Iterator[Measurement]:
+    """Let everybody answer one question, and compare the answers; `forms` are other descriptions of it."""
     question = ask(problem)
     about = {"what": what, "power": question.exponent}
     answers: list[_Answer] = []
@@ -239,20 +258,23 @@ def _question(problem: scso.MuscleForceProblem, what: str, peers: frozenset[str]
         frames = _spread(question.n_frames, question.n_frames if by == TRAJECTORY else MOST_FRAMEWISE)
         part = problem if frames.size == every.size else _frames(problem, frames)
         answers.append(_ours(about, by, part, frames, solve))
+    for by, form in (forms or {}).items():
+        answers.append(_ours(about, by, form, every, scso.solve_trajectory))
     for peer in PEERS:
-        if not _asked(peer.name, peers):
+        if not (_asked(peer.name, peers) and peer.can(question)):
             continue
         row = {**about, "by": peer.name}
-        reason = peer.cannot(question)
-        if reason:
-            answers.append(_Answer({**row, "note": reason}))
+        if not peer.is_installed:
+            answers.append(_Answer({**row, "note": 'not installed: pip install ".[benchmark]"'}))
             continue
         frames = _spread(question.n_frames, max(peer.most_unknowns // len(question.lower), 3))
         some = question.frames(frames)
         try:
             x, cost = _timed(lambda peer=peer, some=some: peer.solve(some))
         except Exception as error:  # a peer that breaks is one line of the table
-            answers.append(_Answer({**row, "frames": frames.size, "note": f"{type(error).__name__}: {error}"}))
+            answers.append(
+                _Answer({**row, "frames": frames.size, "note": f"{type(error).__name__}: {error}"})
+            )
             continue
         answers.append(_Answer({**row, "frames": frames.size, **cost}, frames, x))
     yield from _compared(question, answers)
@@ -300,7 +322,11 @@ def _compared(question: Question, answers: list[_Answer]) -> Iterator[Measuremen
             continue
         some = question.frames(answer.frames)
         missed = some.missed(answer.x, answer.forces)
-        kept = (missed["equilibrium"] <= KEPT) & (missed["stability"] <= KEPT) & (missed["bounds"] <= KEPT_BOUNDS)
+        kept = (
+            (missed["equilibrium"] <= KEPT)
+            & (missed["stability"] <= KEPT)
+            & (missed["bounds"] <= KEPT_BOUNDS)
+        )
         objective = some.objective(answer.x)
         best[answer.frames[kept]] = np.minimum(best[answer.frames[kept]], objective[kept])
         judged.append((missed, kept, objective))
@@ -357,7 +383,9 @@ def _opensim(case: Case, setup: Path, scratch: Path) -> Iterator[Measurement]:
         changed = _opensim_setup(case, setup, folder, analysis)
         done, cost = _process([sys.executable, "-c", _RUN_OPENSIM, str(changed)])
         about = {"what": f"{OPENSIM}'s {analysis}", "by": OPENSIM, "power": 2.0}
-        found = next(folder.glob("results/*_activation.sto"), None) or next(folder.glob("results/*.sto"), None)
+        found = next(folder.glob("results/*_activation.sto"), None) or next(
+            folder.glob("results/*.sto"), None
+        )
         if found is None:
             yield {**about, **cost, "note": _last_line(done) or "no results"}
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ COLUMNS = (
 )
 #: README's paragraph stands between these.
 BEGIN, END = "<!-- speed: python -m problems.benchmarks --pages -->", "<!-- end of speed -->"
-_PAGE, _README = (Path(__file__).parents[2] / part for part in ("docs/benchmarks.md", "README.md"))
+_TEMPLATE = Path(__file__).with_name("page.md")
 _OPENSIM, _RUN, _TRAJECTORY, _FRAMEWISE = "OpenSim", "scso run", "trajectory-wide", "frame by frame"
 
 
@@ -86,7 +87,7 @@ def ratios(rows: Sequence[Measurement]) -> list[list[str]]:
         for row in some:
             if theirs and row["by"] == _RUN and row["what"].startswith("whole run"):
                 value = _wall(theirs[0]) / _wall(row)
-                found.append([case, row["what"], "OpenSim over ours, wall", f"{value:.0f}"])
+                found.append([case, row["what"], "OpenSim over ours, wall, per frame", f"{value:.0f}"])
         ours = [row for row in some if row["by"] == _TRAJECTORY and "kept" in row]
         for row in ours:
             peers = [r for r in some if (r["what"], r.get("power")) == (row["what"], row.get("power"))]
@@ -94,22 +95,24 @@ def ratios(rows: Sequence[Measurement]) -> list[list[str]]:
             for by in (_FRAMEWISE, "DAQP", "PIQP", "Clarabel"):
                 for peer in (r for r in peers if r["by"] == by and r.get("kept")):
                     lost = peer["frames"] - peer["kept"]
-                    words = f"ours, trajectory-wide, over {by}, CPU" + (f" (loses {lost} frames)" if lost else "")
+                    words = f"ours, trajectory-wide, over {by}, CPU" + (
+                        f" (loses {lost} frames)" if lost else ""
+                    )
                     found.append([case, what, words, f"{_cpu(row) / _cpu(peer):.1f}"])
             floor = [r for r in some if r["what"] == row["what"] and r["by"] == "DAQP" and r["power"] == 2]
             if floor and row["power"] != 2:
                 value = f"{_cpu(row) / _cpu(floor[0]):.1f}"
-                found.append([case, what, "ours, trajectory-wide, over DAQP at p = 2, CPU", value])
+                found.append([case, what, "trajectory-wide over DAQP at p = 2", value])
         plain = [r for r in ours if r["what"].startswith("SO")]
         for row in (r for r in ours if r["what"].startswith("full")):
             like = row["what"].replace("full", "SO", 1)
             for base in (r for r in plain if (r["what"], r["power"]) == (like, row["power"])):
                 what = f"{row['what']}, p = {row['power']}"
-                found.append([case, what, "full over SO, ours, CPU", f"{_cpu(row) / _cpu(base):.1f}"])
+                found.append([case, what, "full over SO", f"{_cpu(row) / _cpu(base):.1f}"])
     return found
 
 
-def write_pages(result: dict[str, Any], source: str) -> None:
+def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
     """Write docs/benchmarks.md and README's paragraph.
 
     Parameters
@@ -118,73 +121,52 @@ def write_pages(result: dict[str, Any], source: str) -> None:
         A result file as read.
     source : str
         Its name.
+    folder : Path
+        Of README.md and docs.
     """
     rows = result["rows"]
     facts = ", ".join(f"{name} {value}" for name, value in result["facts"].items())
-    text = f"""# Benchmarks
-
-Made by `python -m problems.benchmarks --pages` from `problems/benchmarks/results/{source}`, measured on
-{result["date"]}: {facts}.
-
-```sh
-pip install ".[benchmark]"
-python -m problems.benchmarks                       # all of it, or --quick, --cases, --peers
-```
-
-Whole runs are processes without figures: wall time, processor time of all their processes, memory of the largest.
-Start-up is a whole run of one frame. Extraction, writing and figures are timed within one process; solving is from a
-problem to a judged solution, presolve and build included. Libraries are called directly, frame by frame, with their
-matrices laid out beforehand; DAQP at other powers than 2 by Newton's method on its programs, Clarabel by power cones,
-min/max as linear programs. What takes less than a second is measured three times, and the median counts.
-
-Every answer, ours and theirs, is judged by the same few lines of NumPy (`problems/benchmarks/questions.py`): *kept*
-counts the frames that miss nothing by more than 1e-4 N·m, N or N·m/rad (bounds: 1e-6); *missed* is the largest, over
-all frames; *objective above best* that of the worst kept frame, relative to the best answer that anybody has for it.
-SciPy's SLSQP, HiGHS and Clarabel are asked about frames spread evenly over long motions.
-
-## Ratios
-
-{markdown_table(["case", "what", "ratio", ""], ratios(rows))}
-## Slopes
-
-Of time and memory of solving (beyond that of a process that has solved a short motion) against frames, fitted on a
-log-log scale, and per frame.
-
-{markdown_table(["what", "frames", "slope of CPU s", "ms/frame", "slope of MB", "kB/frame"], slopes(rows))}
-## All measurements
-
-{table(rows)}"""
-    _write(_PAGE, text)
-    readme = _README.read_text(encoding="utf-8")
+    text = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        source=source,
+        date=result["date"],
+        facts=facts,
+        ratios=markdown_table(["case", "what", "ratio", ""], ratios(rows)),
+        slopes=markdown_table(
+            ["what", "frames", "slope of CPU s", "ms/frame", "slope of MB", "kB/frame"], slopes(rows)
+        ),
+        table=table(rows),
+    )
+    _write(folder / "docs" / "benchmarks.md", text)
+    readme = (folder / "README.md").read_text(encoding="utf-8")
     if BEGIN in readme:
         before, rest = readme.split(BEGIN)
         _, after = rest.split(END)
-        _write(_README, f"{before}{BEGIN}\n{paragraph(result)}{END}{after}")
+        _write(folder / "README.md", f"{before}{BEGIN}\n{paragraph(result)}{END}{after}")
 
 
 def paragraph(result: dict[str, Any]) -> str:
     """Say in a few lines what README says about speed."""
-    by_case: dict[str, list[Measurement]] = {}
-    for row in result["rows"]:
-        by_case.setdefault(row["case"], []).append(row)
-    processor = result["facts"].get("processor", result["facts"]["machine"])
-    parts = [f"Time of whole runs without figures ({result['facts']['cores']} cores, {processor}, {result['date']}):\n"]
+    facts = result["facts"]
+    machine = f"{facts['cores']} cores, {facts.get('processor', facts['machine'])}, {result['date']}"
     lines = []
-    for case, rows in by_case.items():
-        runs = {row["what"]: row for row in rows if row["by"] == _RUN and row.get("frames")}
+    for case in dict.fromkeys(row["case"] for row in result["rows"]):
+        rows = [row for row in result["rows"] if row["case"] == case and row.get("frames")]
+        runs = {row["what"]: row for row in rows if row["by"] == _RUN}
         if "whole run, SO" not in runs:
             continue
+        frames = runs["whole run, SO"]["frames"]
         theirs = [r for r in rows if r["by"] == _OPENSIM and r["what"].endswith("StaticOptimization")]
-        seconds = [_seconds(runs.get(f"whole run, {kind}")) for kind in ("SO", "SCSO", "full")]
         opensim = "–"
-        if theirs and "seconds" in theirs[0] and theirs[0].get("frames"):
-            share = theirs[0]["frames"] < runs["whole run, SO"]["frames"]
-            opensim = _seconds(theirs[0]) + (f" ({theirs[0]['frames']} frames)" if share else "")
-        lines.append([case, runs["whole run, SO"]["frames"], opensim, *seconds])
-    heads = ["motion", "frames", "OpenSim's SO [s]", "SO [s]", "stable about joints [s]", "whole Hessian [s]"]
-    parts.append(markdown_table(heads, lines))
-    parts.append("\nStages, library solvers on the same frames, and what every answer is worth: `docs/benchmarks.md`.\n")
-    return "\n".join(parts[:2]) + parts[2]
+        if theirs:
+            some = theirs[0]["frames"]
+            opensim = _seconds(theirs[0]) + (f" ({some} frames)" if some < frames else "")
+        ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in ("SO", "SCSO", "full")]
+        lines.append([case, frames, opensim, *ours])
+    heads = ["s", "frames", "OpenSim's SO", "SO", "with stability about joints", "whole Hessian"]
+    return (
+        f"\nSeconds of whole runs, figures apart ({machine}):\n\n{markdown_table(heads, lines)}\n"
+        "Stages, library solvers on the same frames, and what every answer is worth: `docs/benchmarks.md`.\n"
+    )
 
 
 def _wall(row: Measurement) -> float:

@@ -6,10 +6,10 @@ where the solver says that it has none. Matrices are laid out before the loop an
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,22 +53,19 @@ class Peer:
     takes_matrices: bool = False
     most_unknowns: int = 10**9
 
-    def cannot(self, question: Question) -> str:
-        """Say why it cannot answer, or nothing."""
-        try:
-            importlib.import_module(self.module)
-        except ImportError:
-            return f'{self.module} is not installed: pip install ".[benchmark]"'
-        if not self.exponents(question.exponent):
-            return f"no program for the power {question.exponent:g}"
-        if question.constant.shape[1] and not self.takes_matrices:
-            return "no matrix inequalities"
-        return ""
+    def can(self, question: Question) -> bool:
+        """Whether the question is of a kind that it answers."""
+        return self.exponents(question.exponent) and (self.takes_matrices or not question.constant.size)
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether it can be asked."""
+        return importlib.util.find_spec(self.module) is not None
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Equations, then inequalities, of all frames, scaled to entries of at most one; shape (n_frames, r, n)."""
+    """Equations, then inequalities, of all frames (n_frames, r, n), scaled to entries of at most one."""
 
     matrix: FloatArray
     lower: FloatArray
@@ -186,6 +183,10 @@ def clarabel(question: Question) -> FloatArray:
     import clarabel as lib
 
     p, n_frames, n = question.exponent, question.n_frames, len(question.lower)
+    size = np.ones(n_frames)
+    if p != 2 and np.isfinite(p):  # powers are near one on the scale of the answer at p = 2
+        squares = np.abs(clarabel(replace(question, exponent=2.0))).max(axis=1)
+        size = np.where(squares > 0, squares, 1.0)
     rows = _Rows.of(question)
     quadratic, linear = sp.csc_matrix(2 * np.eye(n)), np.zeros(n)
     lower, upper = question.lower, question.upper
@@ -201,23 +202,24 @@ def clarabel(question: Question) -> FloatArray:
         linear = np.concatenate([linear, np.ones(extra)])
     width = n + extra
     (a, b), (g, h) = rows.equations, rows.inequalities
+    triangle, constant = _triangle(question)
     low, high = np.flatnonzero(np.isfinite(lower)), np.flatnonzero(np.isfinite(upper))
     eye = np.eye(width)
-    size = (-1, width - rows.matrix.shape[2])
-    pad = np.zeros((n_frames, a.shape[1] + g.shape[1], size[1]))
+    pad = np.zeros((n_frames, a.shape[1] + g.shape[1], width - rows.matrix.shape[2]))
     moving = np.concatenate([np.concatenate([a, -g], axis=1), pad], axis=2)
     still = np.vstack([-eye[low], eye[high]])
-    right = np.concatenate([-lower[low], upper[high]])
+    sides = np.concatenate([-lower[low], upper[high]]) / size[:, None]
+    b, h, constant = b / size[:, None], h / size[:, None], constant / size[:, None]
     cones += [lib.ZeroConeT(a.shape[1]), lib.NonnegativeConeT(g.shape[1] + len(still))]
+    ones = np.zeros(0)
     if extra == n:  # t >= |x|^p is (t, 1, x) in the cone of 1/p
-        power, one = np.zeros((3 * n, width)), np.zeros(3 * n)
+        power, ones = np.zeros((3 * n, width)), np.zeros(3 * n)
         each = np.arange(n)
         power[3 * each, n + each] = -1.0
-        one[3 * each + 1] = 1.0
+        ones[3 * each + 1] = 1.0
         power[3 * each + 2, each] = -1.0
-        still, right = np.vstack([still, power]), np.concatenate([right, one])
+        still = np.vstack([still, power])
         cones += [lib.PowerConeT(1 / p)] * n
-    triangle, constant = _triangle(question)
     if constant.shape[1]:
         cones.append(lib.PSDTriangleConeT(question.constant.shape[1]))
     n_moving, k_rows = moving.shape[1], constant.shape[1]
@@ -232,17 +234,16 @@ def clarabel(question: Question) -> FloatArray:
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
     found = np.full((n_frames, n), np.nan)
-    solved = (lib.SolverStatus.Solved,)
     dense = np.zeros((shape, width))
     dense[n_moving : n_moving + len(still)] = still
     for k in range(n_frames):
         dense[:n_moving] = moving[k]
         dense[n_moving + len(still) :, :n] = -triangle[k]
         matrix = sp.csc_matrix((dense[row, column], row, pointer), shape=(shape, width))
-        vector = np.concatenate([b[k], -h[k], right, constant[k]])
+        vector = np.concatenate([b[k], -h[k], sides[k], ones, constant[k]])
         answer = lib.DefaultSolver(quadratic, linear, matrix, vector, cones, settings).solve()
-        if answer.status in solved:
-            found[k] = answer.x[:n]
+        if answer.status == lib.SolverStatus.Solved:
+            found[k] = size[k] * np.array(answer.x[:n])
     return found
 
 
