@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import logging
 import math
 import os
 import subprocess
@@ -107,7 +108,8 @@ def _run_case(name: str, chosen: argparse.Namespace, result: dict[str, Any], out
 
 
 def _measure_one(chosen: argparse.Namespace) -> None:
-    """Print one line of JSON per measurement; what libraries print goes elsewhere."""
+    """Print one line of JSON per measurement; what libraries print goes elsewhere, warnings nowhere."""
+    logging.disable(logging.WARNING)
     case = _NAMES[chosen.one].quick() if chosen.quick else _NAMES[chosen.one]
     lines = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

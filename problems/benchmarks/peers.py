@@ -301,6 +301,6 @@ PEERS = (
     Peer("DAQP", "daqp", daqp, math.isfinite),
     Peer("PIQP", "piqp", piqp, lambda p: p == 2 or math.isinf(p)),
     Peer("Clarabel", "clarabel", clarabel, lambda p: p > 1, takes_matrices=True, most_unknowns=40_000),
-    Peer("SciPy SLSQP", "scipy", slsqp, lambda p: p >= 2 and math.isfinite(p), most_unknowns=1_200),
+    Peer("SciPy SLSQP", "scipy", slsqp, lambda p: p >= 2 and math.isfinite(p), most_unknowns=500),
     Peer("HiGHS", "scipy", highs, math.isinf, most_unknowns=15_000),
 )

@@ -80,7 +80,9 @@ class Question:
         """
         bounds = np.maximum(self.lower - x, x - self.upper).max(axis=1)
         if forces is not None:
-            x = np.concatenate([forces / self.capacity, x[:, forces.shape[1] :]], axis=1)
+            without = np.where(forces == 0, 0.0, np.nan)  # no force is known of a muscle without capacity
+            share = np.divide(forces, self.capacity, out=without, where=self.capacity != 0)
+            x = np.concatenate([share, x[:, forces.shape[1] :]], axis=1)
         sums = np.einsum("kcn,kn->kc", self.equations, x) - self.moments
         short = self.levels - np.einsum("krn,kn->kr", self.rows, x)
         stability = short.max(axis=1, initial=0.0)
@@ -93,7 +95,7 @@ class Question:
         return {"equilibrium": equilibrium, "stability": stability, "bounds": np.maximum(bounds, 0.0)}
 
 
-def ask(problem: MuscleForceProblem) -> Question:
+def ask(problem: MuscleForceProblem, capacity: FloatArray | None = None) -> Question:
     """Write static optimization, with or without stability, as arrays.
 
     Parameters
@@ -101,6 +103,8 @@ def ask(problem: MuscleForceProblem) -> Question:
     problem : MuscleForceProblem
         With one effort without weights, moment equilibrium and stability with stiffness q F / L; other
         terms are left out, and muscles are taken as OpenSim's static optimization takes them.
+    capacity : ndarray, shape (n_frames, n_muscles), optional [N]
+        By default the trajectory's, OpenSim's own.
 
     Returns
     -------
@@ -108,17 +112,18 @@ def ask(problem: MuscleForceProblem) -> Question:
     """
     motion = problem.motion
     t, muscles, actuators = motion.trajectory, motion.muscles, motion.actuators
-    none = np.zeros((t.n_frames, len(t.muscles), len(actuators.actuators)))
+    capacity = t.active_force_capacity if capacity is None else capacity
+    n_muscles = len(t.muscles)
 
     def of_unknowns(per_newton: FloatArray) -> FloatArray:
         """Turn (n_frames, ..., n_muscles) per newton into (n_frames, ..., n) per unknown."""
         middle = (1,) * (per_newton.ndim - 2)
-        per_activation = per_newton * t.active_force_capacity.reshape(t.n_frames, *middle, -1)
-        rest = np.zeros((*per_newton.shape[:-1], none.shape[2]))
+        per_activation = per_newton * capacity.reshape(t.n_frames, *middle, -1)
+        rest = np.zeros((*per_newton.shape[:-1], len(actuators.actuators)))
         return np.concatenate([per_activation, rest], axis=-1)
 
     equations = of_unknowns(t.moment_arms)
-    equations[:, :, none.shape[1] :] = t.actuator_generalized_forces
+    equations[:, :, n_muscles:] = t.actuator_generalized_forces
     n = equations.shape[2]
     rows, levels = np.zeros((t.n_frames, 0, n)), np.zeros((t.n_frames, 0))
     matrices, constant = np.zeros((t.n_frames, 0, 0, n)), np.zeros((t.n_frames, 0, 0))
@@ -154,5 +159,5 @@ def ask(problem: MuscleForceProblem) -> Question:
         lower=np.concatenate([muscles.min_activation, actuators.min_control]),
         upper=np.concatenate([muscles.max_activation, actuators.max_control]),
         exponent=effort.exponent,
-        capacity=t.active_force_capacity,
+        capacity=capacity,
     )
