@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -281,17 +281,14 @@ def _question(
     yield from _compared(question, answers)
 
 
+@dataclass(frozen=True)
 class _Answer:
-    """A measurement with the answer that it is about, if there is one."""
+    """A measurement, with the answer of some frames that it is about, if there is one."""
 
-    def __init__(
-        self,
-        row: Measurement,
-        frames: IntArray | None = None,
-        x: FloatArray | None = None,
-        forces: FloatArray | None = None,
-    ) -> None:
-        self.row, self.frames, self.x, self.forces = row, frames, x, forces
+    row: Measurement
+    frames: IntArray | None = None
+    x: FloatArray | None = None
+    forces: FloatArray | None = None
 
 
 def _ours(

@@ -144,6 +144,24 @@ def test_the_question_has_the_packages_own_numbers(kind):
         assert matrix == pytest.approx(solution.matrices["HessianStability"].value, abs=1e-9)
 
 
+def test_forces_of_muscles_without_capacity_are_none_or_unknown():
+    problem = synthetic(2, 8, 3, SO)
+    trajectory = problem.motion.trajectory
+    capacity = trajectory.active_force_capacity.copy()
+    capacity[1, 0] = 0.0
+    trajectory = dataclasses.replace(trajectory, active_force_capacity=capacity)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    solution = scso.solve_trajectory(problem)
+    question, forces = ask(problem), solution.tendon_force.copy()
+    x = np.hstack([solution.activation, solution.control])
+    assert question.missed(x, forces)["equilibrium"].max() < 1e-8
+    forces[1, 0] = 1.0
+    assert np.isnan(question.missed(x, forces)["equilibrium"]).tolist() == [False, True, False]
+    forces[1, 0], forces[2, 0] = 0.0, forces[2, 0] + 100.0
+    arms = np.abs(trajectory.moment_arms[2, :, 0]).max()
+    assert question.missed(x, forces)["equilibrium"][2] == pytest.approx(100 * arms)
+
+
 @pytest.mark.parametrize("peer", PEERS, ids=lambda peer: peer.name)
 @pytest.mark.parametrize("kind", [SO, SCSO, FULL])
 @pytest.mark.parametrize("power", [2.0, 3.0, 10.0, math.inf])
