@@ -26,7 +26,7 @@ from problems.benchmarks.page import table, write_pages
 from problems.benchmarks.peers import PEERS
 from scso_nlp.files import write_whole
 
-RESULTS = Path(__file__).parent / "results"
+MEASURED = Path(__file__).parent / "measured"
 _NAMES = {case.name: case for case in CASES}
 _PEERS = (*(peer.name for peer in PEERS), OPENSIM, MOCO)
 
@@ -41,7 +41,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="p = 2, small sizes, few frames for OpenSim")
     default = os.environ.get("SCSO_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")
     parser.add_argument("--data", type=Path, default=Path(default), help="folder of the third-party data")
-    parser.add_argument("--output", type=Path, help="result file; by default results/<date>.json")
+    parser.add_argument("--output", type=Path, help="result file; by default measured/<date>.json")
     parser.add_argument(
         "--pages", action="store_true", help="write page and README from --output, or the latest"
     )
@@ -51,11 +51,11 @@ def main(words: list[str] | None = None) -> int:
         _measure_one(chosen)
         return 0
     if chosen.pages:
-        source = chosen.output or max(RESULTS.glob("*.json"))
+        source = chosen.output or max(MEASURED.glob("*.json"))
         write_pages(json.loads(source.read_text(encoding="utf-8")), source.name, ROOT)
         return 0
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    output = chosen.output or RESULTS / f"{today}{'_quick' if chosen.quick else ''}.json"
+    output = chosen.output or MEASURED / f"{today}{'_quick' if chosen.quick else ''}.json"
     result = _begun(output, today, chosen.quick)
     for name in chosen.cases or _NAMES:
         if name not in result["seconds"]:

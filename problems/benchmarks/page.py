@@ -34,7 +34,9 @@ COLUMNS = (
 #: README's paragraph stands between these.
 BEGIN, END = "<!-- speed: python -m problems.benchmarks --pages -->", "<!-- end of speed -->"
 _TEMPLATE = Path(__file__).with_name("page.md")
-_OPENSIM, _RUN, _TRAJECTORY, _FRAMEWISE = "OpenSim", "scso run", "trajectory-wide", "frame by frame"
+_OPENSIM, _RUN, _TRAJECTORY = "OpenSim", "scso run", "trajectory-wide"
+_OTHERS = ("frame by frame", "DAQP", "PIQP", "Clarabel", "HiGHS", "SciPy SLSQP")
+_KINDS = ("SO", "SCSO", "full")
 
 
 def cells(row: Measurement) -> list[str]:
@@ -78,38 +80,59 @@ def slopes(rows: Sequence[Measurement]) -> list[list[str]]:
     return found
 
 
-def ratios(rows: Sequence[Measurement]) -> list[list[str]]:
-    """Compare, within each case: a whole run with OpenSim's, a trajectory with the best of the libraries."""
+def beside_opensim(rows: Sequence[Measurement]) -> list[list[str]]:
+    """Compare whole runs with OpenSim's static optimization of the same frames, or of a part of them."""
     found = []
-    for case in dict.fromkeys(row["case"] for row in rows):
-        some = [row for row in rows if row["case"] == case and row.get("frames") and "cpu_seconds" in row]
-        theirs = [r for r in some if r["by"] == _OPENSIM and r["what"].endswith("StaticOptimization")]
-        for row in some:
-            if theirs and row["by"] == _RUN and row["what"].startswith("whole run"):
-                value = _wall(theirs[0]) / _wall(row)
-                found.append([case, row["what"], "OpenSim over ours, wall, per frame", f"{value:.0f}"])
-        ours = [row for row in some if row["by"] == _TRAJECTORY and "kept" in row]
-        for row in ours:
-            peers = [r for r in some if (r["what"], r.get("power")) == (row["what"], row.get("power"))]
-            what = f"{row['what']}, p = {row['power']}"
-            for by in (_FRAMEWISE, "DAQP", "PIQP", "Clarabel"):
-                for peer in (r for r in peers if r["by"] == by and r.get("kept")):
-                    lost = peer["frames"] - peer["kept"]
-                    words = f"ours, trajectory-wide, over {by}, CPU" + (
-                        f" (loses {lost} frames)" if lost else ""
-                    )
-                    found.append([case, what, words, f"{_cpu(row) / _cpu(peer):.1f}"])
-            floor = [r for r in some if r["what"] == row["what"] and r["by"] == "DAQP" and r["power"] == 2]
-            if floor and row["power"] != 2:
-                value = f"{_cpu(row) / _cpu(floor[0]):.1f}"
-                found.append([case, what, "trajectory-wide over DAQP at p = 2", value])
-        plain = [r for r in ours if r["what"].startswith("SO")]
-        for row in (r for r in ours if r["what"].startswith("full")):
-            like = row["what"].replace("full", "SO", 1)
-            for base in (r for r in plain if (r["what"], r["power"]) == (like, row["power"])):
-                what = f"{row['what']}, p = {row['power']}"
-                found.append([case, what, "full over SO", f"{_cpu(row) / _cpu(base):.1f}"])
+    for case, some in _by_case(rows).items():
+        theirs = _static_optimization(some)
+        if theirs is None:
+            continue
+        runs = {row["what"]: row for row in some if row["by"] == _RUN}
+        cells = [case, str(theirs["frames"]), f"{1e3 * _wall(theirs):.3g}"]
+        for kind in _KINDS:
+            run = runs.get(f"whole run, {kind}")
+            cells.append("" if run is None else f"{_wall(theirs) / _wall(run):.3g}")
+        start = runs.get("start-up, SO")
+        found.append([*cells, "" if start is None else f"{start['seconds']:.2f}"])
     return found
+
+
+def beside_libraries(rows: Sequence[Measurement]) -> list[list[str]]:
+    """Compare trajectory-wide solving with everybody else on the same question, in processor time a frame."""
+    found = []
+    for case, some in _by_case(rows).items():
+        answers = {(r["what"], r["power"], r["by"]): r for r in some if r.get("kept")}
+        for (what, power, by), ours in answers.items():
+            if by != _TRAJECTORY:
+                continue
+            others = [answers.get((what, power, name)) for name in _OTHERS]
+            like = what.replace(_KINDS[1], _KINDS[0], 1).replace(_KINDS[2], _KINDS[0], 1)
+            others += [answers.get((what, 2.0, "DAQP")), answers.get((like, power, _TRAJECTORY))]
+            cells = [case, what, f"{float(power):g}", f"{1e3 * _cpu(ours):.3g}"]
+            ratios = [_ratio(ours, other) for other in others]
+            if any(ratios):
+                found.append(cells + ratios)
+    return found
+
+
+def _ratio(row: Measurement, other: Measurement | None) -> str:
+    if other is None or other is row:
+        return ""
+    lost = other["frames"] - other["kept"]
+    return f"{_cpu(row) / _cpu(other):.3g}" + (f" ({lost} lost)" if lost else "")
+
+
+def _by_case(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:
+    found: dict[str, list[Measurement]] = {}
+    for row in rows:
+        if row.get("frames") and "cpu_seconds" in row:
+            found.setdefault(row["case"], []).append(row)
+    return found
+
+
+def _static_optimization(rows: Sequence[Measurement]) -> Measurement | None:
+    what = f"{_OPENSIM}'s StaticOptimization"
+    return next((row for row in rows if (row["by"], row["what"]) == (_OPENSIM, what)), None)
 
 
 def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
@@ -130,7 +153,13 @@ def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
         source=source,
         date=result["date"],
         facts=facts,
-        ratios=markdown_table(["case", "what", "ratio", ""], ratios(rows)),
+        opensim=markdown_table(
+            ["case", "OpenSim's frames", "ms a frame", *_KINDS, "start-up [s]"], beside_opensim(rows)
+        ),
+        libraries=markdown_table(
+            ["case", "what", "p", "CPU ms/frame", *_OTHERS, "DAQP at p = 2", "SO, ours"],
+            beside_libraries(rows),
+        ),
         slopes=markdown_table(
             ["what", "frames", "slope of CPU s", "ms/frame", "slope of MB", "kB/frame"], slopes(rows)
         ),
@@ -149,19 +178,15 @@ def paragraph(result: dict[str, Any]) -> str:
     facts = result["facts"]
     machine = f"{facts['cores']} cores, {facts.get('processor', facts['machine'])}, {result['date']}"
     lines = []
-    for case in dict.fromkeys(row["case"] for row in result["rows"]):
-        rows = [row for row in result["rows"] if row["case"] == case and row.get("frames")]
+    for case, rows in _by_case(result["rows"]).items():
         runs = {row["what"]: row for row in rows if row["by"] == _RUN}
         if "whole run, SO" not in runs:
             continue
         frames = runs["whole run, SO"]["frames"]
-        theirs = [r for r in rows if r["by"] == _OPENSIM and r["what"].endswith("StaticOptimization")]
-        opensim = "–"
-        if theirs:
-            some = theirs[0]["frames"]
-            opensim = _seconds(theirs[0]) + (f" ({some} frames)" if some < frames else "")
-        ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in ("SO", "SCSO", "full")]
-        lines.append([case, frames, opensim, *ours])
+        theirs = _static_optimization(rows)
+        part = "" if theirs is None or theirs["frames"] >= frames else f" ({theirs['frames']} frames)"
+        ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in _KINDS]
+        lines.append([case, frames, _seconds(theirs) + part, *ours])
     heads = ["s", "frames", "OpenSim's SO", "SO", "with stability about joints", "whole Hessian"]
     return (
         f"\nSeconds of whole runs, figures apart ({machine}):\n\n{markdown_table(heads, lines)}\n"

@@ -15,6 +15,7 @@ import scso_nlp as scso
 from problems.benchmarks import __main__ as command
 from problems.benchmarks import measuring, page
 from problems.benchmarks.cases import CASES, FULL, SCSO, SO, Case, synthetic
+from problems.benchmarks.history.solve import Solve
 from problems.benchmarks.peers import PEERS, Peer
 from problems.benchmarks.questions import ask
 
@@ -196,7 +197,12 @@ def test_pages_are_made_of_a_result(result, tmp_path):
     (tmp_path / "README.md").write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
     page.write_pages(found, "result.json", tmp_path)
     text = (tmp_path / "docs" / "benchmarks.md").read_text()
-    assert "| walk | whole run, SO | OpenSim over ours, wall, per frame | 150 |" in text
+    assert "| walk | 10 | 3e+03 | 150 |  |  |  |" in text
+    ratios = [
+        line.split(" | ") for line in text.splitlines() if line.startswith("| synthetic_smallest | full,")
+    ]
+    assert len(ratios[0]) == 12
+    assert float(ratios[0][4]) > 0
     assert "| SO | 250 to 4000 | 1.00 | 1.00 | 0.50 |" in text
     assert text.count("\n| synthetic_smallest | SO, ") > 10
     readme = (tmp_path / "README.md").read_text()
@@ -204,6 +210,17 @@ def test_pages_are_made_of_a_result(result, tmp_path):
     assert readme.endswith(f"{page.END}\nafter\n")
     assert "| walk | 100 | 30.0 (10 frames) | 2.0 | – | – |" in readme
     assert "old" not in readme
+
+
+@pytest.mark.opensim
+def test_the_cases_kept_over_commits_are_solved():
+    small = Solve()
+    motion = small.setup_cache()
+    for power in Solve.params:
+        small.setup(motion, power)
+        small.time_static_optimization(motion, power)
+        small.time_stable(motion, power)
+        small.peakmem_stable(motion, power)
 
 
 def test_every_case_says_what_it_is():
