@@ -3,7 +3,8 @@
 Usage: python -m problems.benchmarks [--quick] [--cases a,b] [--peers x,y] [--output FILE] [--pages]
 
 Each case runs in a process of its own. Results are written after every measurement; a run with the same
-output goes on with the cases that it has not finished. Nothing is asserted about time.
+output goes on with the cases that it has not finished. Nothing is asserted about time. Exit code 1: the
+process of a case broke.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from problems.benchmarks.cases import CASES
-from problems.benchmarks.measuring import MOCO, OPENSIM, ROOT, facts, measure
+from problems.benchmarks.measuring import MOCO, OPENSIM, ROOT, facts, measure, processor_seconds
 from problems.benchmarks.page import table, write_pages
 from problems.benchmarks.peers import PEERS
 from scso_nlp.files import write_whole
@@ -51,7 +54,10 @@ def main(words: list[str] | None = None) -> int:
         _measure_one(chosen)
         return 0
     if chosen.pages:
-        source = chosen.output or max(MEASURED.glob("*.json"))
+        dated = sorted(path for path in MEASURED.glob("*.json") if "quick" not in path.name)
+        if chosen.output is None and not dated:
+            parser.error(f"there is no result in {MEASURED}: measure first, or name one with --output")
+        source = chosen.output or dated[-1]
         write_pages(json.loads(source.read_text(encoding="utf-8")), source.name, ROOT)
         return 0
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
@@ -61,7 +67,7 @@ def main(words: list[str] | None = None) -> int:
         if name not in result["seconds"]:
             _run_case(name, chosen, result, output)
     print(table(result["rows"]))
-    return 0
+    return int(any(name not in result["seconds"] for name in chosen.cases or _NAMES))
 
 
 def _begun(output: Path, today: str, quick: bool) -> dict[str, Any]:
@@ -81,16 +87,9 @@ def _begun(output: Path, today: str, quick: bool) -> dict[str, Any]:
 
 def _run_case(name: str, chosen: argparse.Namespace, result: dict[str, Any], output: Path) -> None:
     """Measure one case in a process of its own; write every measurement as it comes."""
-    started = time.perf_counter()
-    command = [
-        sys.executable,
-        "-m",
-        "problems.benchmarks",
-        "--one",
-        name,
-        "--data",
-        str(chosen.data.resolve()),
-    ]
+    started, used = time.perf_counter(), processor_seconds()
+    command = [sys.executable, "-m", "problems.benchmarks", "--one", name]
+    command += ["--data", str(chosen.data.resolve())]
     command += ["--quick"] if chosen.quick else []
     command += [] if chosen.peers is None else ["--peers", ",".join(chosen.peers) or "none"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
@@ -103,7 +102,8 @@ def _run_case(name: str, chosen: argparse.Namespace, result: dict[str, Any], out
         note = f"the process of this case ended with {process.returncode}"
         result["rows"].append({"case": name, "what": "all", "by": "", "note": note})
     else:
-        result["seconds"][name] = round(time.perf_counter() - started, 1)
+        seconds = time.perf_counter() - started, processor_seconds() - used
+        result["seconds"][name] = dict(zip(("wall", "processor"), np.round(seconds, 1).tolist(), strict=True))
     _write(result, output)
 
 
@@ -115,9 +115,10 @@ def _measure_one(chosen: argparse.Namespace) -> None:
     os.dup2(2, 1)
     peers = None if chosen.peers is None else frozenset(chosen.peers)
     for row in measure(case, chosen.data.resolve(), peers):
+        finite = {k: v for k, v in row.items() if not isinstance(v, float) or math.isfinite(v)}
         if math.isinf(row.get("power", 0.0)):
-            row["power"] = "inf"
-        print(json.dumps(row, allow_nan=False), file=lines, flush=True)
+            finite["power"] = "inf"
+        print(json.dumps(finite, allow_nan=False), file=lines, flush=True)
 
 
 def _write(result: dict[str, Any], output: Path) -> None:

@@ -13,6 +13,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -461,16 +462,17 @@ def _timed(call: Callable[[], _Result], repeats: int = 3) -> tuple[_Result, Meas
     """Call, three times where that is short; median of wall and of processor time, children included."""
     walls, processors = [], []
     for _ in range(repeats):
-        started, used = time.perf_counter(), _processor_seconds()
+        started, used = time.perf_counter(), processor_seconds()
         result = call()
         walls.append(time.perf_counter() - started)
-        processors.append(_processor_seconds() - used)
+        processors.append(processor_seconds() - used)
         if sum(walls) > SHORT:
             break
     return result, {"seconds": float(np.median(walls)), "cpu_seconds": float(np.median(processors))}
 
 
-def _processor_seconds() -> float:
+def processor_seconds() -> float:
+    """Processor time of this process and of its children that have ended."""
     both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in both)
 
@@ -520,6 +522,10 @@ def facts() -> dict[str, str]:
         found["memory"] = f"{float(kilobytes) / 2**20:.0f} GB"
     except (OSError, TypeError):
         pass
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    if shutil.which("git"):
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+        found["commit"] = done.stdout.strip() or "unknown"
     found["python"] = platform.python_version()
     for name in ("scso_nlp", "casadi", "numpy", "scipy", "daqp", "piqp", "clarabel", "opensim"):
         try:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from problems.benchmarks.cases import CASES
 from problems.outputs import markdown_table
 from scso_nlp.files import write_whole
 
@@ -152,6 +153,7 @@ def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
     text = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         source=source,
         date=result["date"],
+        cases=markdown_table(["case", "about", "s", "CPU s"], _cases(result)),
         facts=facts,
         opensim=markdown_table(
             ["case", "OpenSim's frames", "ms a frame", *_KINDS, "start-up [s]"], beside_opensim(rows)
@@ -200,6 +202,12 @@ def _wall(row: Measurement) -> float:
 
 def _cpu(row: Measurement) -> float:
     return row["cpu_seconds"] / row["frames"]
+
+
+def _cases(result: dict[str, Any]) -> list[list[str]]:
+    about = {case.name: case.about for case in CASES}
+    spent = result["seconds"]
+    return [[name, about[name], *(f"{v:.0f}" for v in both.values())] for name, both in spent.items()]
 
 
 def _seconds(row: Measurement | None) -> str:

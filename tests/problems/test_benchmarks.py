@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +59,7 @@ def test_memory_is_measured_in_processes_of_their_own(result):
 
 def test_a_finished_case_is_not_measured_again(result, monkeypatch, capsys):
     before = result.read_text()
-    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("measured again"))
+    monkeypatch.setattr(command, "_run_case", lambda *_: pytest.fail("measured again"))
     assert command.main(["--cases", SMALLEST, "--quick", "--output", str(result)]) == 0
     assert result.read_text() == before
     assert capsys.readouterr().out.count("\n") > len(json.loads(before)["rows"])
@@ -70,7 +69,7 @@ def test_a_stopped_run_keeps_finished_cases_and_drops_half_a_case(result, tmp_pa
     found = json.loads(result.read_text())
     kept = {"case": "arm26", "what": "SO", "by": "DAQP"}
     half = {"case": SMALLEST, "what": "left over", "by": "DAQP"}
-    found["rows"], found["seconds"] = [kept, half], {"arm26": 1.0}
+    found["rows"], found["seconds"] = [kept, half], {"arm26": {"wall": 1.0, "processor": 1.0}}
     copy = tmp_path / "result.json"
     copy.write_text(json.dumps(found))
     command.main(["--cases", f"arm26,{SMALLEST}", "--quick", "--peers", "none", "--output", str(copy)])
@@ -227,3 +226,12 @@ def test_every_case_says_what_it_is():
     assert len({case.name for case in CASES}) == len(CASES)
     assert all(case.about and case.powers for case in CASES)
     assert all(bool(case.sizes) + (case.setup is not None) + (case.make is not None) == 1 for case in CASES)
+
+
+def test_a_case_whose_process_breaks_is_a_line_and_asked_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(command.sys, "executable", "false")
+    output = tmp_path / "result.json"
+    assert command.main(["--cases", SMALLEST, "--output", str(output)]) == 1
+    found = json.loads(output.read_text())
+    assert found["seconds"] == {}
+    assert found["rows"][0]["note"] == "the process of this case ended with 1"
