@@ -43,7 +43,7 @@ class Peer:
     takes_matrices : bool
         Whether it can keep a matrix positive semi-definite.
     most_unknowns : int
-        Of all frames together; of larger questions it gets frames spread evenly.
+        Of all frames together; of larger questions it gets frames spread evenly, or none.
     """
 
     name: str
@@ -55,7 +55,8 @@ class Peer:
 
     def can(self, question: Question) -> bool:
         """Whether the question is of a kind that it answers."""
-        return self.exponents(question.exponent) and (self.takes_matrices or not question.constant.size)
+        is_kept = self.takes_matrices or not question.constant.size
+        return is_kept and self.exponents(question.exponent) and len(question.lower) <= self.most_unknowns
 
     @property
     def is_installed(self) -> bool:
@@ -301,6 +302,6 @@ PEERS = (
     Peer("DAQP", "daqp", daqp, math.isfinite),
     Peer("PIQP", "piqp", piqp, lambda p: p == 2 or math.isinf(p)),
     Peer("Clarabel", "clarabel", clarabel, lambda p: p > 1, takes_matrices=True, most_unknowns=40_000),
-    Peer("SciPy SLSQP", "scipy", slsqp, lambda p: p >= 2 and math.isfinite(p), most_unknowns=500),
+    Peer("SciPy SLSQP", "scipy", slsqp, lambda p: 2 <= p <= 3, most_unknowns=500),
     Peer("HiGHS", "scipy", highs, math.isinf, most_unknowns=15_000),
 )

@@ -48,7 +48,7 @@ def test_every_answer_is_judged_by_the_benchmark(result):
             assert row["seconds"] > 0
             assert row["equilibrium"] <= measuring.KEPT
             assert row["stability"] <= measuring.KEPT
-            assert 0 <= row["objective"] <= SAME
+            assert abs(row["objective"]) <= SAME
 
 
 def test_memory_is_measured_in_processes_of_their_own(result):
@@ -172,8 +172,6 @@ def test_peers_have_our_optimum(peer, kind, power):
     question = ask(problem)
     if not peer.can(question):
         pytest.skip("not of its kind")
-    if (peer.name, power) == ("SciPy SLSQP", 10.0):
-        pytest.skip("stops where tenth powers are below its criterion: the table shows it")
     x = peer.solve(question)
     missed = question.missed(x)
     solution = scso.solve_trajectory(problem)
