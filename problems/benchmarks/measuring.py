@@ -155,7 +155,7 @@ def _recorded_motion(
     if case.opensim and _asked(OPENSIM, peers):
         yield from _opensim(case, setup, scratch)
     if case.moco and _asked(MOCO, peers):
-        yield _moco(setup.parent)
+        yield _moco(setup.parent, scratch)
 
 
 def _made_motion(case: Case, peers: frozenset[str] | None) -> Iterator[Measurement]:
@@ -385,7 +385,7 @@ def _opensim(case: Case, setup: Path, scratch: Path) -> Iterator[Measurement]:
         folder = scratch / analysis
         folder.mkdir()
         changed = _opensim_setup(case, setup, folder, analysis)
-        done, cost = _process([sys.executable, "-c", _RUN_OPENSIM, str(changed)])
+        done, cost = _process([sys.executable, "-c", _RUN_OPENSIM, str(changed)], folder)
         about = {"what": f"{OPENSIM}'s {analysis}", "by": OPENSIM, "power": 2.0}
         found = next(folder.glob("results/*_activation.sto"), None) or next(
             folder.glob("results/*.sto"), None
@@ -446,9 +446,9 @@ def _opensim_setup(case: Case, setup: Path, folder: Path, analysis: str) -> Path
     return copy
 
 
-def _moco(folder: Path) -> Measurement:
+def _moco(folder: Path, scratch: Path) -> Measurement:
     words = [str(folder), str(MOCO_START), str(MOCO_MESH), str(MOCO_POINTS)]
-    done, cost = _process([sys.executable, "-c", _RUN_MOCO, *words])
+    done, cost = _process([sys.executable, "-c", _RUN_MOCO, *words], scratch)
     row: Measurement = {"what": "SO + ActivationDynamics", "by": MOCO, "power": 2.0, **cost}
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
     if not lines:
@@ -478,11 +478,13 @@ def processor_seconds() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in both)
 
 
-def _process(command: list[str]) -> tuple[subprocess.CompletedProcess[str], Measurement]:
-    """Run a command; its wall and processor time, and the peak memory of its largest process."""
+def _process(
+    command: list[str], folder: Path | None = None
+) -> tuple[subprocess.CompletedProcess[str], Measurement]:
+    """Run a command in a folder; its wall and processor time, and the memory of its largest process."""
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         started = time.perf_counter()
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder)
         _, status, usage = os.wait4(process.pid, 0)
         seconds = time.perf_counter() - started
         process.returncode = os.waitstatus_to_exitcode(status)
