@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from string import Template
@@ -33,7 +34,9 @@ COLUMNS = (
     ("note", "note", "{}"),
 )
 #: README's paragraph stands between these.
-BEGIN, END = "<!-- speed: python -m problems.benchmarks --pages -->", "<!-- end of speed -->"
+BEGIN, END = "<!-- by problems.benchmarks --pages -->", "<!-- -->"
+#: Of so many motions, the longest, and in lines of this width.
+_MOST_MOTIONS, _WIDTH = 2, 120
 _TEMPLATE = Path(__file__).with_name("page.md")
 _OPENSIM, _RUN, _TRAJECTORY = "OpenSim", "scso run", "trajectory-wide"
 _OTHERS = ("frame by frame", "DAQP", "PIQP", "Clarabel", "HiGHS", "SciPy SLSQP")
@@ -172,28 +175,29 @@ def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
     if BEGIN in readme:
         before, rest = readme.split(BEGIN)
         _, after = rest.split(END)
-        _write(folder / "README.md", f"{before}{BEGIN}\n{paragraph(result)}{END}{after}")
+        _write(folder / "README.md", f"{before}{paragraph(result)}{after}")
 
 
 def paragraph(result: dict[str, Any]) -> str:
-    """Say in a few lines what README says about speed."""
+    """Say in a few lines, between the marks, what README says about speed."""
     facts = result["facts"]
-    machine = f"{facts['cores']} cores, {facts.get('processor', facts['machine'])}, {result['date']}"
-    lines = []
+    motions = []
     for case, rows in _by_case(result["rows"]).items():
         runs = {row["what"]: row for row in rows if row["by"] == _RUN}
         if "whole run, SO" not in runs:
             continue
         frames = runs["whole run, SO"]["frames"]
         theirs = _static_optimization(rows)
-        part = "" if theirs is None or theirs["frames"] >= frames else f" ({theirs['frames']} frames)"
+        part = "" if theirs is None or theirs["frames"] >= frames else f" (of {theirs['frames']:,})"
         ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in _KINDS]
-        lines.append([case, frames, _seconds(theirs) + part, *ours])
-    heads = ["s", "frames", "OpenSim's SO", "SO", "with stability about joints", "whole Hessian"]
-    return (
-        f"\nSeconds of whole runs, figures apart ({machine}):\n\n{markdown_table(heads, lines)}\n"
-        "Stages, library solvers on the same frames, and what every answer is worth: `docs/benchmarks.md`.\n"
+        motions.append((frames, f"{case}, {frames:,} frames: {', '.join([_seconds(theirs) + part, *ours])}"))
+    longest = sorted(motions)[-_MOST_MOTIONS:]
+    text = (
+        f"{BEGIN}Seconds of whole runs, figures apart ({facts['cores']} cores, {result['date']}): OpenSim's "
+        "static optimization, ours, with stability of knees and ankles, with their whole Hessian. "
+        f"{'; '.join(words for _, words in longest)}. More: `docs/benchmarks.md`.{END}"
     )
+    return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
 
 
 def _wall(row: Measurement) -> float:
