@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -33,8 +34,8 @@ COLUMNS = (
     ("objective above best", "objective", "{:.0e}"),
     ("note", "note", "{}"),
 )
-#: README's paragraph stands between these.
-BEGIN, END = "<!-- by problems.benchmarks --pages -->", "<!-- -->"
+#: README's paragraph, up to the next empty line.
+PARAGRAPH = re.compile(r"^Speed\b.*(\n.+)*", re.MULTILINE)
 #: Of so many motions, the longest, and in lines of this width.
 _MOST_MOTIONS, _WIDTH = 2, 120
 _TEMPLATE = Path(__file__).with_name("page.md")
@@ -172,14 +173,11 @@ def write_pages(result: dict[str, Any], source: str, folder: Path) -> None:
     )
     _write(folder / "docs" / "benchmarks.md", text)
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    if BEGIN in readme:
-        before, rest = readme.split(BEGIN)
-        _, after = rest.split(END)
-        _write(folder / "README.md", f"{before}{paragraph(result)}{after}")
+    _write(folder / "README.md", PARAGRAPH.sub(lambda _: paragraph(result), readme, count=1))
 
 
 def paragraph(result: dict[str, Any]) -> str:
-    """Say in a few lines, between the marks, what README says about speed."""
+    """Say in a few lines what README says about speed."""
     facts = result["facts"]
     motions = []
     for case, rows in _by_case(result["rows"]).items():
@@ -193,9 +191,9 @@ def paragraph(result: dict[str, Any]) -> str:
         motions.append((frames, f"{case}, {frames:,} frames: {', '.join([_seconds(theirs) + part, *ours])}"))
     longest = sorted(motions)[-_MOST_MOTIONS:]
     text = (
-        f"{BEGIN}Seconds of whole runs, figures apart ({facts['cores']} cores, {result['date']}): OpenSim's "
+        f"Speed: seconds of whole runs, figures apart ({facts['cores']} cores, {result['date']}): OpenSim's "
         "static optimization, ours, with stability of knees and ankles, with their whole Hessian. "
-        f"{'; '.join(words for _, words in longest)}. More: `docs/benchmarks.md`.{END}"
+        f"{'; '.join(words for _, words in longest)}. More: `docs/benchmarks.md`."
     )
     return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
 

@@ -191,7 +191,7 @@ def test_pages_are_made_of_a_result(result, tmp_path):
     ]
     found["rows"] += [{"case": "walk", "what": "whole run, SO", **run}, {"case": "walk", **theirs}, *slope]
     (tmp_path / "docs").mkdir()
-    (tmp_path / "README.md").write_text(f"before\n\n{page.BEGIN}old{page.END}\n\nafter\n")
+    (tmp_path / "README.md").write_text("Speedy\n\nSpeed: old\nand more\n\nafter\n")
     page.write_pages(found, "result.json", tmp_path)
     text = (tmp_path / "docs" / "benchmarks.md").read_text()
     assert "| walk | 10 | 3e+03 | 150 |  |  |  |" in text
@@ -203,10 +203,11 @@ def test_pages_are_made_of_a_result(result, tmp_path):
     assert "| SO | 250 to 4000 | 1.00 | 1.00 | 0.50 |" in text
     assert text.count(f"\n| {SMALLEST} | SO, ") >= len(OURS) + 3  # one line of ratios, two solvers, memory
     readme = (tmp_path / "README.md").read_text()
-    assert readme.startswith(f"before\n\n{page.BEGIN}Seconds of whole runs")
-    assert readme.endswith(f"{page.END}\n\nafter\n")
+    assert readme.startswith("Speedy\n\nSpeed: seconds of whole runs")
+    assert readme.endswith(".\n\nafter\n")
     assert "walk, 100 frames: 30.0 (of 10), 2.0, –, –." in readme.replace("\n", " ")
     assert "old" not in readme
+    assert "and more" not in readme
 
 
 @pytest.mark.opensim
