@@ -93,7 +93,7 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
     used = comparison.is_used
     names = [literal(name) for name in comparison.group_names]
     n_bars = len(comparison.labels) + (comparison.emg is not None)
-    rows = np.array_split(np.arange(len(names)), math.ceil(len(names) / MOST_IN_A_ROW))
+    rows = np.array_split(np.arange(len(names)), max(math.ceil(len(names) / MOST_IN_A_ROW), 1))
     width = max(5.0, 0.9 + len(rows[0]) * (0.25 + 0.16 * n_bars))
     figure = Figure(figsize=(width, 0.8 + 2.8 * len(rows)), dpi=RESOLUTION, layout="constrained")
     panels = figure.subplots(len(rows), squeeze=False, sharey=True)[:, 0]

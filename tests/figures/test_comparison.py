@@ -95,6 +95,20 @@ def test_many_groups_stand_in_rows_of_bars_on_one_scale():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["SO"]
 
 
+def test_a_model_without_muscles_has_a_figure_without_bars():
+    n = len(TIME)
+    torques = MotionResult(
+        label="torques",
+        name="lift",
+        time=TIME,
+        muscles=(),
+        activation=np.zeros((n, 0)),
+        is_solved=np.ones(n, bool),
+    )
+    (panel,) = drawn(plots.plot_mean_activity(compare([torques], n_resamples=0))).axes
+    assert not panel.patches
+
+
 def test_task_bars_stand_for_every_task_and_mark_what_was_not_solved():
     time = np.arange(4.0)
     solved = np.array([True, True, False, True])
