@@ -27,6 +27,9 @@ _LOG = logging.getLogger("scso_nlp")
 #: Objectives are weighed at the guess and where all unknowns are this large, whichever gives more [-].
 _LEAST_EFFORT = 1e-3
 
+#: Unknowns of a program that confirms: larger ones leave the processor's cache.
+_CONFIRMED_UNKNOWNS = 2**12
+
 #: A frame is solved again while that brings it this much nearer to its optimum [-].
 _NEARER = 0.5
 
@@ -165,7 +168,8 @@ class _Run:
         self.start = exact.unknowns
         self.scale = FrameScale.of_weights(self.program, 1 / _objective_size(self.program, self.start, ()))
         built: dict[int, tuple[Nlp, ca.Function]] = {}
-        blocks = list(np.array_split(frames, -(-frames.size // frames_per_program)))
+        most = min(frames_per_program, max(_CONFIRMED_UNKNOWNS // self.program.layout.size, 1))
+        blocks = _equal_blocks(frames, most)
         while blocks:
             block = blocks.pop(0)
             if block.size not in built:
@@ -342,6 +346,14 @@ class _Run:
     def _set(self, frames: Iterable[int], status: Status) -> None:
         for k in frames:
             self.status[int(k)] = status
+
+
+def _equal_blocks(frames: IntArray, most: int) -> list[IntArray]:
+    """Cut frames into blocks of one size, at most so many; the last may begin with frames of the one before."""
+    n_blocks = -(-frames.size // most)
+    size = -(-frames.size // n_blocks)
+    starts = [min(i * size, frames.size - size) for i in range(n_blocks)]
+    return [frames[start : start + size] for start in starts]
 
 
 def starting_point(program: FrameProgram, guess: Solution | None) -> FloatArray:
