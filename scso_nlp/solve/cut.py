@@ -31,13 +31,13 @@ _MOST_STEPS, _MOST_HOLDING = 20, 6
 _STRAIGHT_STEPS, _LEAST_GAP = 6, 1e-9
 
 #: Eigenvalues are brought to this share of what they may be below zero.
-_SHARE_OF_TOLERANCE = 1e-2
+_SHARE_OF_TOLERANCE = 1e-4
 
 #: Least share of the largest multiplier's eigenvalue with which a direction holds.
 _LEAST_SHARE = 1e-3
 
 #: Sides of the active-set programs are solved to this much of the frame's scale [-].
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
