@@ -38,8 +38,8 @@ from scso_nlp.validation import BoolArray, FloatArray
 
 #: A frame whose rows are missed by more than this much of their scale is not solved [-].
 LOOSE_VIOLATION = 1e-4
-#: A violation of less than this share of what the entries of the rows add up to is the arithmetic's [-].
-ROUNDING = 1e-12
+#: Rows that miss by less than this share of what their entries add up to are kept, whatever their unit [-].
+ROUNDING = 1e-10
 #: A frame that is further from its optimum than this is not solved [-].
 LOOSE_OPTIMALITY = 1e-3
 

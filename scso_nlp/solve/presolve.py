@@ -51,11 +51,17 @@ _LEAST_CURVATURE = (1e-7, 1e-5, 1e-3)
 #: Of the step's promise, what has to be kept [-].
 _KEPT_PROMISE = 1e-4
 
-#: Sides of an active-set program that are solved to this much of the frame's scale [-].
+#: Sides of an active-set program are kept to this much of the frame's scale [-].
+_SIDES = 1e-10
+
+#: What is nearer to a side than this much of the frame's scale is on it [-].
 _TOLERANCE = 1e-8
 
 #: Steps that take back what rounding has missed, and their regularization [-].
 _SETTLING_STEPS, _RIDGE = 4, 1e-12
+#: Share of a frame's largest unknown that is rounding [-].
+_ROUNDING = 2.0**-52
+
 #: They end where one leaves more than this of what it found.
 _LEAST_GAIN = 0.1
 
@@ -217,7 +223,7 @@ class Block:
         objective: ConvexObjective,
         frames: IntArray,
         start: FloatArray,
-        tolerance: float = _TOLERANCE,
+        tolerance: float = _SIDES,
     ) -> None:
         self.tolerance = tolerance
         affine, table = program.split.affine.frames(frames), program.rows
@@ -363,9 +369,12 @@ class Block:
                 primal_tol=self.tolerance,
             )
             if flag in (_OPTIMAL, _ROUNDED):
+                held, pushed = np.split(info["lam"], [here.size])
                 self.multipliers[k] = 0.0
-                self.multipliers[k, used] = most * size * info["lam"][here.size :] / self.length[k, used]
-                return np.clip(size * found, self.lower[k], self.upper[k]), is_exact
+                self.multipliers[k, used] = most * size * pushed / self.length[k, used]
+                # bounds that hold are met by the method's tolerance only
+                target = np.where(held < 0, self.lower[k], np.where(held > 0, self.upper[k], size * found))
+                return np.clip(target, self.lower[k], self.upper[k]), is_exact
         self.is_contradicted[k] = flag == _INFEASIBLE
         return None, False
 
@@ -374,6 +383,14 @@ class Block:
 
         The solver of the whole program would take a Newton step for it, and a flat objective makes that long.
         """
+        self._approach_sides()
+        # what is left of unknowns that are zero is rounding of the largest
+        small = np.abs(self.unknowns) <= _ROUNDING * np.abs(self.unknowns).max(
+            axis=1, initial=0.0, keepdims=True
+        )
+        self.unknowns = np.where(small, np.clip(0.0, self.lower, self.upper), self.unknowns)
+
+    def _approach_sides(self) -> None:
         before = np.inf
         for _ in range(_SETTLING_STEPS):
             x = self.unknowns

@@ -349,7 +349,7 @@ class _Run:
 
 
 def _equal_blocks(frames: IntArray, most: int) -> list[IntArray]:
-    """Cut frames into blocks of one size, at most so many; the last may begin with frames of the one before."""
+    """Cut frames into blocks of one size; the last may begin with frames of the one before."""
     n_blocks = -(-frames.size // most)
     size = -(-frames.size // n_blocks)
     starts = [min(i * size, frames.size - size) for i in range(n_blocks)]
