@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,6 +17,9 @@ Key = tuple[str, str]
 
 #: Frames evaluated together; more would leave the processor's cache.
 _FRAMES_AT_ONCE = 128
+
+#: Functions of more instructions are called frame by frame: to make one of many frames takes longer.
+_MANY_INSTRUCTIONS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +137,25 @@ def evaluate(
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
     inputs += [column_major(arrays[key][offset : offset + n]) for offset, key in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
+    one_by_one = function.n_instructions() > _MANY_INSTRUCTIONS
     for part in frame_blocks(n):
-        # arrays are read and written where they are: a DM of moment arms takes ten times as long to make
-        buffer, call = _mapped(function, part.stop - part.start).buffer()
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
-        for i, array in enumerate(given):
-            buffer.set_arg(i, array.data)
-        for i, array in enumerate(outputs):
-            buffer.set_res(i, array[part].data)
-        call()
+        wanted = [array[part] for array in outputs]
+        buffer, call = (function if one_by_one else _mapped(function, part.stop - part.start)).buffer()
+        if one_by_one:
+            for k in range(part.stop - part.start):
+                _call(buffer, call, [array[k] for array in given], [array[k] for array in wanted])
+        else:
+            _call(buffer, call, given, wanted)
     return outputs
+
+
+def _call(
+    buffer: ca.FunctionBuffer, call: Callable[[], None], given: list[FloatArray], wanted: list[FloatArray]
+) -> None:
+    """Call a function; arrays are read and written where they are: to make a DM takes ten times as long."""
+    for i, array in enumerate(given):
+        buffer.set_arg(i, array.data)
+    for i, array in enumerate(wanted):
+        buffer.set_res(i, array.data)
+    call()
