@@ -22,7 +22,7 @@ from scso_nlp.validation import BoolArray, FloatArray, IntArray
 #: An eigenvalue below zero by less than this share of its scale counts as kept [-].
 EIGENVALUE_TOLERANCE = 1e-6
 #: Least and largest share that this may be of what the entries of the matrix add up to [-].
-_SHARES_OF_ENTRIES = (1e-12, 1e-8)
+_SHARES_OF_ENTRIES = (1e-11, 1e-8)
 
 #: Most steps of a frame after its optimum without turns, and most turns that may hold together.
 _MOST_STEPS, _MOST_HOLDING = 20, 6
