@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -53,6 +54,8 @@ class VariableSpec:
         Bounds and starting point.
     scale : float or ndarray, shape (n,)
         Size of a meaningful change; the solver sees the unknown divided by it.
+    follows : "" or "activation" or "control"
+        Unknowns of the problem, as many, that these are near to where frames are solved without coupling.
     """
 
     name: str
@@ -61,6 +64,7 @@ class VariableSpec:
     upper: float | FloatArray = np.inf
     guess: float | FloatArray = 0.0
     scale: float | FloatArray = 1.0
+    follows: Literal["", "activation", "control"] = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -138,7 +138,11 @@ class ActivationDynamics(FramePairConstraint):
         names = tuple(f"{name}_excitation" for name in motion.muscles.muscles)
         lower, upper = motion.muscles.min_activation, motion.muscles.max_activation
         guess = np.clip(0.1, lower, upper)
-        return (VariableSpec(name="excitation", labels=names, lower=lower, upper=upper, guess=guess),)
+        return (
+            VariableSpec(
+                name="excitation", labels=names, lower=lower, upper=upper, guess=guess, follows="activation"
+            ),
+        )
 
     def rows(self, previous: Frame, current: Frame, dt: ca.SX, motion: Motion) -> Rows:
         """One row per muscle: step of activation minus the integrated rate [-]."""

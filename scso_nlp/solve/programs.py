@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,8 @@ from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, 
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solve.presolve import Start, presolve
+from scso_nlp.solve.presolve import presolve
+from scso_nlp.solve.relative import QuadraticPrograms
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
@@ -151,6 +153,9 @@ class _Run:
 
     def confirm(self, frames_per_program: int, known: Start | None) -> None:
         """Find the optima of convex frames one by one, and let the solver confirm them."""
+        if self.program.is_coupled or self.program.split.nonlinear:
+            self._approach(frames_per_program)
+            return
         started = time.perf_counter()
         exact = presolve(self.program, self.start, self.waiting, known)
         for k in np.flatnonzero(exact.is_doubtful):
@@ -174,7 +179,11 @@ class _Run:
             block = blocks.pop(0)
             if block.size not in built:
                 built[block.size] = self._build(block.size, is_confirming=True)
-            if not self._call(*built[block.size], block, exact).status.is_solved and block.size > 1:
+            multipliers = (
+                (-exact.reduced_cost[block] * self.scale.weight[block, None]).ravel(),
+                built[block.size][0].row_multipliers(exact.multipliers, block, self.scale),
+            )
+            if not self._call(*built[block.size], block, multipliers).status.is_solved and block.size > 1:
                 blocks += np.array_split(block, block.size)
         self.start, self.scale = start, scale
         worst = self._worst()
@@ -182,6 +191,46 @@ class _Run:
         nearer = exact.is_optimal & (exact.worst <= worst) & np.isfinite(worst)
         self.unknowns[nearer] = exact.unknowns[nearer]
         self.multipliers[0][nearer] = exact.multipliers[nearer]
+        for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
+            self.status[k] = None
+
+    def _approach(self, frames_per_program: int) -> None:
+        """Let the solver start coupled and curved programs where their affine relatives lead.
+
+        Without coupling, or as quadratic programs where these are enough.
+        """
+        program, frames = self.program, self.waiting
+        if not frames.size:
+            return
+        before = self.start, self.scale
+        self.start = self.start.copy()
+        if program.is_coupled and not program.alone().split.nonlinear:
+            started = time.perf_counter()
+            self.start = program.layout.followed(presolve(program.alone(), self.start, frames).unknowns)
+            size = _objective_size(program, self.start, ())
+            self.scale = FrameScale.of_weights(program, np.full(size.size, 1 / size.mean()))
+            self.effort.solve_seconds += time.perf_counter() - started
+        n_programs = 1 if program.is_coupled else -(-frames.size // frames_per_program)
+        built: dict[int, QuadraticPrograms] = {}
+        for block in np.array_split(frames, n_programs):
+            started = time.perf_counter()
+            if block.size not in built:
+                built[block.size] = QuadraticPrograms(build_nlp(program, block.size))
+            relatives, found = built[block.size], None
+            self.effort.build_seconds += time.perf_counter() - started
+            started = time.perf_counter()
+            if relatives.are_enough:
+                found = relatives.follow(**self._numbers(relatives.nlp, block))
+            self.effort.solve_seconds += time.perf_counter() - started
+            if found is not None:
+                self.start[block] = found.unknowns.reshape(block.size, -1)
+                solver = compile_ipopt(relatives.nlp, self.options, is_confirming=True)
+                self._call(relatives.nlp, solver, block, (found.bounds, found.rows))
+            elif not relatives.are_enough:
+                solver = compile_ipopt(relatives.nlp, self.options)
+                self._call(relatives.nlp, solver, block)
+        self.start, self.scale = before
+        worst = self._worst()
         for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
             self.status[k] = None
 
@@ -310,24 +359,27 @@ class _Run:
         self.effort.build_seconds += time.perf_counter() - started
         return nlp, solver
 
-    def _call(
-        self, nlp: Nlp, solver: ca.Function, frames: IntArray, exact: Start | None = None
-    ) -> IpoptAnswer:
-        started = time.perf_counter()
-        multipliers = None
-        if exact is not None:
-            bounds = -exact.reduced_cost[frames] * self.scale.weight[frames, None]
-            multipliers = bounds.ravel(), nlp.row_multipliers(exact.multipliers, frames, self.scale)
+    def _numbers(self, nlp: Nlp, frames: IntArray) -> dict[str, Any]:
+        """Start, parameters and bounds of a program over some frames."""
         size = self.scale.unknowns[frames, None]
         lower, upper = (bound[frames] / size for bound in self.bounds)
-        answer = call_ipopt(
-            solver,
-            x0=(self.start[frames] / size).ravel(),
-            p=nlp.parameters(frames, self.scale),
-            bounds=(lower.ravel(), upper.ravel()),
-            row_bounds=nlp.row_bounds(frames, self.scale),
-            multipliers=multipliers,
-        )
+        return {
+            "x0": (self.start[frames] / size).ravel(),
+            "p": nlp.parameters(frames, self.scale),
+            "bounds": (lower.ravel(), upper.ravel()),
+            "row_bounds": nlp.row_bounds(frames, self.scale),
+        }
+
+    def _call(
+        self,
+        nlp: Nlp,
+        solver: ca.Function,
+        frames: IntArray,
+        multipliers: tuple[FloatArray, FloatArray] | None = None,
+    ) -> IpoptAnswer:
+        started = time.perf_counter()
+        answer = call_ipopt(solver, **self._numbers(nlp, frames), multipliers=multipliers)
+        size = self.scale.unknowns[frames, None]
         self.unknowns[frames] = np.clip(
             answer.x.reshape(frames.size, -1) * size, *(b[frames] for b in self.bounds)
         )

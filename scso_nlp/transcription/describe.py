@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -82,6 +82,17 @@ class FrameProgram:
     def is_coupled(self) -> bool:
         """True if some term couples frames."""
         return bool(self.problem.coupled_terms)
+
+    def alone(self) -> FrameProgram:
+        """Leave out what couples frames; unknowns and rows of one frame keep their places."""
+        split = self.split
+        return replace(
+            self,
+            problem=self.problem.without_coupling(),
+            objectives=tuple(cost for cost in self.objectives if not cost[1].is_pair),
+            pair_rows=RowTable(()),
+            split=replace(split, nonlinear=tuple(part for part in split.nonlinear if not part[0].is_pair)),
+        )
 
     def undefined(self, unknowns: FloatArray) -> dict[int, str]:
         """Find the frames whose cost, or the slope of it, is no number at scaled unknowns (n_frames, size).

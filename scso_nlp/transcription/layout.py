@@ -64,6 +64,12 @@ class Layout:
     def extended(self, owner: str, spec: VariableSpec, n_frames: int) -> Layout:
         """Add unknowns at the end."""
         _check_spec(owner, spec, n_frames)
+        sizes = {b.spec.name: b.size for b in self.blocks if b.owner == PROBLEM}
+        if spec.follows and sizes.get(spec.follows) != len(spec.labels):
+            raise ProblemError(
+                f"the {len(spec.labels)} unknowns {spec.name!r} of {owner} follow {spec.follows!r}, expected "
+                f"one of {sizes} with as many unknowns"
+            )
         return Layout(blocks=(*self.blocks, Block(owner=owner, spec=spec, start=self.size)))
 
     @property
@@ -86,6 +92,16 @@ class Layout:
     def split(self, unknowns: FloatArray) -> dict[tuple[str, str], FloatArray]:
         """Cut unknowns (n_frames, size) into arrays by owner and name."""
         return {(b.owner, b.spec.name): np.ascontiguousarray(unknowns[:, b.columns]) for b in self.blocks}
+
+    def followed(self, unknowns: FloatArray) -> FloatArray:
+        """Give unknowns (n_frames, size) that follow others the values of these, within their bounds."""
+        unknowns, scale = unknowns.copy(), self.scale
+        for b in self.blocks:
+            for other in self.blocks:
+                if other.owner == PROBLEM and other.spec.name == b.spec.follows:
+                    values = unknowns[:, other.columns] * scale[other.columns]
+                    unknowns[:, b.columns] = np.clip(values, b.spec.lower, b.spec.upper) / scale[b.columns]
+        return unknowns
 
     def join(self, parts: Mapping[tuple[str, str], FloatArray], default: FloatArray) -> FloatArray:
         """Put arrays by owner and name back into unknowns; what is absent comes from `default`."""
