@@ -17,8 +17,8 @@ from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, 
 from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solve.judge import Outcome, unknowns_of
 from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solve.presolve import presolve
-from scso_nlp.solve.relative import QuadraticPrograms
+from scso_nlp.solve.presolve import Start, presolve
+from scso_nlp.solve.relative import QuadraticPrograms, may_be_convex
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate
@@ -200,13 +200,15 @@ class _Run:
         Without coupling, or as quadratic programs where these are enough.
         """
         program, frames = self.program, self.waiting
-        if not frames.size:
+        alone = program.alone()
+        is_straight = program.is_coupled and not alone.split.nonlinear
+        if not frames.size or not (is_straight or may_be_convex(program)):
             return
         before = self.start, self.scale
         self.start = self.start.copy()
-        if program.is_coupled and not program.alone().split.nonlinear:
+        if is_straight:
             started = time.perf_counter()
-            self.start = program.layout.followed(presolve(program.alone(), self.start, frames).unknowns)
+            self.start = program.layout.followed(presolve(alone, self.start, frames).unknowns)
             size = _objective_size(program, self.start, ())
             self.scale = FrameScale.of_weights(program, np.full(size.size, 1 / size.mean()))
             self.effort.solve_seconds += time.perf_counter() - started

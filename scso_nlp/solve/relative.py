@@ -18,6 +18,7 @@ from scipy.sparse import csc_matrix
 
 from scso_nlp.solve.threads import one_thread
 from scso_nlp.transcription.build import Nlp
+from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.validation import FloatArray
 
 #: Most quadratic programs.
@@ -62,6 +63,15 @@ class Approach:
     rows: FloatArray
 
 
+def may_be_convex(program: FrameProgram) -> bool:
+    """Tell whether no curved row is an equation: what these allow is not convex."""
+    for piece, rows in program.split.nonlinear:
+        table = program.pair_rows if piece.is_pair else program.rows
+        if (table.lower[rows] == table.upper[rows]).any():
+            return False
+    return True
+
+
 class QuadraticPrograms:
     """Affine relatives of one program, made once and solved with many numbers."""
 
@@ -73,10 +83,10 @@ class QuadraticPrograms:
 
     @property
     def are_enough(self) -> bool:
-        """False where IPOPT is faster: curved costs of affine rows, and curved rows of pairs of frames."""
+        """False where IPOPT is faster, because costs or equations are curved."""
         if self.nlp.rows_are_affine:
             return self.nlp.objective_is_quadratic
-        return not any(piece.is_pair for piece, _ in self.nlp.nonlinear)
+        return may_be_convex(self.nlp.program)
 
     def follow(
         self,

@@ -11,7 +11,7 @@ import os
 import casadi as ca
 import numpy as np
 import pytest
-from coupled_terms import CurvedPair, RateLimit, Smoothness, WeightedDrift
+from coupled_terms import RateLimit, Smoothness, WeightedDrift
 from helpers import random_problem
 
 import scso_nlp as scso
@@ -128,15 +128,22 @@ def test_a_frame_that_cannot_be_solved_does_not_take_the_others_with_it(rng):
     assert solution.is_solved.tolist() == (effort < most).tolist()
 
 
-def test_pairs_of_frames_with_curved_rows_are_left_to_ipopt(rng, monkeypatch):
+def test_curved_equations_are_left_to_ipopt(rng, monkeypatch):
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class Circle(Cap):
+        """The sum of squares is given."""
+
+        def rows(self, frame, motion):
+            return dataclasses.replace(super().rows(frame, motion), lower=self.most)
+
     def refuse(*_, **__):
         raise AssertionError("approached")
 
-    problem = with_terms(random_problem(rng, n_frames=3), constraints=[CurvedPair()])
+    problem = random_problem(rng, n_frames=3, reserve=5.0)
     monkeypatch.setattr(QuadraticPrograms, "follow", refuse)
-    assert scso.solve_trajectory(problem).is_solved.all()
+    assert scso.solve_trajectory(with_terms(problem, constraints=[Circle(most=1.5)])).is_solved.all()
     with pytest.raises(AssertionError, match="approached"):
-        scso.solve_trajectory(with_terms(problem.without_coupling(), constraints=[RateLimit(fastest=100.0)]))
+        scso.solve_trajectory(with_terms(problem, constraints=[Cap(most=1.5)]))
 
 
 def test_steps_end_at_the_optimum_with_its_multipliers(rng):
