@@ -78,7 +78,9 @@ class SolverOptions:
         not depend on it; coupled motions are never cut.
     presolve : bool
         Whether frames with a convex objective and affine rows are first solved one by one, by a sequence of
-        quadratic programs: IPOPT then starts at their optima and confirms them.
+        quadratic programs: IPOPT then starts at their optima and confirms them. Coupled frames and curved
+        rows are solved so together, where they turn out convex; coupled frames with curved equations or
+        another objective begin where they are without coupling.
     ipopt : mapping of str to number or str
         Further IPOPT options by their own names; they win.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -31,6 +31,10 @@ _LEAST_EFFORT = 1e-3
 
 #: Unknowns of a program that confirms: larger ones leave the processor's cache.
 _CONFIRMED_UNKNOWNS = 2**12
+
+#: Share of the tolerance to which a curved objective of a size near one is solved: small activations, which
+#: hardly change it, move freely within the whole [-].
+_FLATNESS = 1e-3
 
 #: A frame is solved again while that brings it this much nearer to its optimum [-].
 _NEARER = 0.5
@@ -228,8 +232,11 @@ class _Run:
                 self.start[block] = found.unknowns.reshape(block.size, -1)
                 solver = compile_ipopt(relatives.nlp, self.options, is_confirming=True)
                 self._call(relatives.nlp, solver, block, (found.bounds, found.rows))
-            elif not relatives.are_enough:
-                solver = compile_ipopt(relatives.nlp, self.options)
+            elif is_straight and not relatives.are_enough:
+                tolerance = self.options.tolerance
+                if not relatives.nlp.objective_is_quadratic:
+                    tolerance *= _FLATNESS
+                solver = compile_ipopt(relatives.nlp, replace(self.options, tolerance=tolerance))
                 self._call(relatives.nlp, solver, block)
         self.start, self.scale = before
         worst = self._worst()

@@ -83,10 +83,10 @@ class QuadraticPrograms:
 
     @property
     def are_enough(self) -> bool:
-        """False where IPOPT is faster, because costs or equations are curved."""
+        """False where costs or equations are curved, so that IPOPT is faster, and without PIQP in CasADi."""
         if self.nlp.rows_are_affine:
-            return self.nlp.objective_is_quadratic
-        return may_be_convex(self.nlp.program)
+            return self.nlp.objective_is_quadratic and ca.has_conic("piqp")
+        return may_be_convex(self.nlp.program) and ca.has_conic("piqp")
 
     def follow(
         self,
