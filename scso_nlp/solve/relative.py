@@ -24,8 +24,8 @@ from scso_nlp.validation import FloatArray
 #: Most quadratic programs.
 _MOST_STEPS = 20
 
-#: Tolerance of quadratic programs far from the optimum, and near it [-].
-_COARSE, _FINE = 1e-4, 1e-10
+#: Tolerances of quadratic programs far from the optimum, and near it: the next where one is not reached [-].
+_COARSE, _FINE = (1e-4,), (1e-12, 1e-10)
 
 #: Largest step that is near the optimum, and largest that has arrived [-].
 _NEAR, _ARRIVED = 1e-2, 1e-5
@@ -193,18 +193,22 @@ class QuadraticPrograms:
         pivots, _, _ = ca.ldl(raised)
         return hessian if (np.asarray(pivots) > 0).all() else None
 
-    def _step(self, tolerance: float, **numbers: Any) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def _step(
+        self, tolerances: tuple[float, ...], **numbers: Any
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Solve one quadratic program: step, multipliers of bounds and of rows."""
-        solver = self._solvers.get(tolerance)
-        if solver is None:
-            structure = {"h": numbers["h"].sparsity(), "a": self.jacobian}
-            options = {"error_on_fail": False, "piqp": {"eps_abs": tolerance, "eps_rel": tolerance}}
-            solver = self._solvers[tolerance] = ca.conic("relative", "piqp", structure, options)
-        with one_thread(of_ipopt=True):
-            answer = solver(**numbers)
-        step, of_bounds, rows = (np.asarray(answer[name]).ravel() for name in ("x", "lam_x", "lam_a"))
-        is_solved = solver.stats()["success"] and np.isfinite(step).all() and np.isfinite(rows).all()
-        return (step, of_bounds, rows) if is_solved else None
+        for tolerance in tolerances:
+            if tolerance not in self._solvers:
+                structure = {"h": numbers["h"].sparsity(), "a": self.jacobian}
+                options = {"error_on_fail": False, "piqp": {"eps_abs": tolerance, "eps_rel": tolerance}}
+                self._solvers[tolerance] = ca.conic("relative", "piqp", structure, options)
+            solver = self._solvers[tolerance]
+            with one_thread(of_ipopt=True):
+                answer = solver(**numbers)
+            step, of_bounds, rows = (np.asarray(answer[name]).ravel() for name in ("x", "lam_x", "lam_a"))
+            if solver.stats()["success"] and np.isfinite(step).all() and np.isfinite(rows).all():
+                return step, of_bounds, rows
+        return None
 
 
 def _bends(
