@@ -195,6 +195,7 @@ class _Run:
         nearer = exact.is_optimal & (exact.worst <= worst) & np.isfinite(worst)
         self.unknowns[nearer] = exact.unknowns[nearer]
         self.multipliers[0][nearer] = exact.multipliers[nearer]
+        worst = np.where(nearer, exact.worst, worst)
         for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
             self.status[k] = None
 
