@@ -80,7 +80,7 @@ def _table(result: RunResult) -> str:
             cells += f"  | {np.mean(run.activation[k]):10.4f}  "
             if margin is not None:
                 row = int(np.argmin(margin.margin[k]))
-                cells += f"{margin.margin[k, row]:8.2f} {margin.rows[row]:<19}"
+                cells += f"{margin.margin[k, row]:z8.2f} {margin.rows[row]:<19}"
         lines.append(cells.rstrip())
     return "\n".join(
         [*lines, "", "activation: mean of all muscles; margin: stability minus level, least of all rows"]
