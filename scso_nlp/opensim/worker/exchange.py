@@ -28,6 +28,8 @@ POINT_ARRAYS = {
     "skeleton.path_points": 0.0,
     "skeleton.path_point_bodies": -1,
     "skeleton.path_point_moves": False,
+    "virtual.path_point_surfaces": -1,
+    "virtual.path_points_acting": 0.0,
 }
 
 
@@ -117,8 +119,12 @@ def read_job(folder: Path) -> Job:
 
 def write_frames(folder: Path, part: int, block: int, frames: Sequence[dict[str, NDArray[Any]]]) -> None:
     """Write some consecutive frames of one worker beside the job; blocks are numbered from 0."""
-    arrays = {name: _joined(name, [frame[name] for frame in frames]) for name in frames[0]}
-    np.savez(folder / f"frames_{part}_{block}.npz", allow_pickle=False, **arrays)
+    np.savez(folder / f"frames_{part}_{block}.npz", allow_pickle=False, **joined(frames))
+
+
+def joined(frames: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Put the arrays of consecutive frames behind each other."""
+    return {name: _joined(name, [frame[name] for frame in frames]) for name in frames[0]}
 
 
 def write_header(folder: Path, part: int, header: dict[str, dict[str, Any]]) -> None:

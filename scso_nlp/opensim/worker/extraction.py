@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scso_nlp.files import refuse_changed
 from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
 from scso_nlp.opensim.worker.dynamics import Dynamics
-from scso_nlp.opensim.worker.exchange import Job
+from scso_nlp.opensim.worker.exchange import Job, joined
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.motion import Note, read_kinematics
 from scso_nlp.opensim.worker.muscles import (
@@ -23,7 +24,7 @@ from scso_nlp.opensim.worker.muscles import (
 )
 from scso_nlp.opensim.worker.poses import Pose, Poses
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
-from scso_nlp.opensim.worker.virtual_rotations import VirtualRotations
+from scso_nlp.opensim.worker.virtual_rotations import PosedPaths, VirtualRotations
 from scso_nlp.validation import IntArray
 
 
@@ -61,13 +62,19 @@ class Extraction:
         self.rows: IntArray = self._kinematics.rows
 
     def frame(self, row: int) -> dict[str, NDArray[Any]]:
-        """Return everything that belongs to a row, by data class and field, each with a first axis of one."""
+        """Return everything that belongs to a row, by data class and field, each with a first axis of one.
+
+        What stands under "virtual" is for :meth:`finished`.
+        """
         model = self._model
         pose = self._poses.at(row)
         joints = model.joints.at(pose.state, pose.rotations, pose.origins)
         loads = model.loads.at(pose.state)
         columns = model.path_forces.columns(pose.state, range(len(model.paths)))
         moment_arms = pose.coupling.T @ columns
+        paths = model.current_paths
+        points = paths.at(pose.state, pose.rotations, pose.origins) if self._has_paths else paths.nothing
+        contacts = {name: points.pop(name) for name in ("path_point_surfaces", "path_points_acting")}
         found: dict[str, dict[str, Any]] = {
             "trajectory": {
                 **self._motion(pose),
@@ -76,11 +83,16 @@ class Extraction:
                 **self._dynamics.at(pose),
                 "other_forces": self._dynamics.recorded_forces(pose),
             },
-            "skeleton": self._skeleton(pose, joints, loads),
+            "skeleton": {**self._skeleton(pose, joints, loads), **points},
             "log": {"contradictions": pose.contradictions},
         }
         if self._virtual is not None:
-            found["skeleton"] |= self._virtual.at(pose, joints, found["skeleton"])
+            found["virtual"] = {
+                "values": pose.values,
+                "body_rotations": pose.rotations,
+                "body_origins": pose.origins,
+                **contacts,
+            }
         if self._derivatives is not None:
             found["curvature"] = dict(self._derivatives.at(pose, loads, moment_arms))
         return {
@@ -88,6 +100,28 @@ class Extraction:
             for group, arrays in found.items()
             for name, array in arrays.items()
         }
+
+    def finished(self, frames: Sequence[dict[str, NDArray[Any]]]) -> Sequence[dict[str, NDArray[Any]]]:
+        """Add to frames what is computed for many of them at once: virtual rotations."""
+        if self._virtual is None:
+            return frames
+        arrays = joined(frames)
+        found = self._virtual.at(
+            PosedPaths(
+                time=arrays["trajectory.time"],
+                values=arrays["virtual.values"],
+                rotations=arrays["virtual.body_rotations"],
+                origins=arrays["virtual.body_origins"],
+                centers=arrays["skeleton.joint_centers"],
+                axes=arrays["skeleton.joint_axes"],
+                points=arrays["skeleton.path_points"],
+                acting=arrays["virtual.path_points_acting"],
+                bodies=arrays["skeleton.path_point_bodies"],
+                surfaces=arrays["virtual.path_point_surfaces"],
+            )
+        )
+        kept = {name: array for name, array in arrays.items() if not name.startswith("virtual.")}
+        return [kept | {f"skeleton.{name}": array for name, array in found.items()}]
 
     def _motion(self, pose: Pose) -> dict[str, Any]:
         free = self._poses.elimination.free
@@ -109,8 +143,6 @@ class Extraction:
     def _skeleton(self, pose: Pose, joints: JointFrames, loads: LoadVectors) -> dict[str, Any]:
         bodies = self._model.bodies
         centers = np.einsum("bij,bj->bi", pose.rotations, bodies.mass_centers) + pose.origins
-        paths = self._model.current_paths
-        points = paths.at(pose.state, pose.rotations, pose.origins) if self._has_paths else paths.nothing
         return {
             "body_mass_centers": centers,
             "joint_centers": joints.centers,
@@ -118,7 +150,6 @@ class Extraction:
             "load_forces": loads.forces,
             "load_points": loads.points,
             "load_torques": loads.torques,
-            **points,
         }
 
     def header(self) -> dict[str, Any]:

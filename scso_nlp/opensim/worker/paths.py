@@ -10,7 +10,8 @@ import numpy as np
 import opensim as osim
 from numpy.typing import NDArray
 
-from scso_nlp.opensim.worker.bodies import Bodies, MovingBodies
+from scso_nlp.opensim.worker.bodies import Bodies, MovingBodies, frame_offsets, rotation
+from scso_nlp.opensim.worker.wrapping import WrapSurfaces
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Points of a path that stay where they are on their body, when they are part of it.
@@ -24,6 +25,8 @@ class PathPoints:
     bodies: IntArray  # (n_points,), which each is fixed to or lies on
     locations: FloatArray  # (n_points, 3) [m], in these bodies or in ground
     moves: BoolArray  # (n_points,), contact points on wrap surfaces and moving points
+    surfaces: IntArray  # (n_points,), of contact points, else -1
+    acting: FloatArray  # (n_points, 3) [m], like the locations: where OpenSim's forces act
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +49,7 @@ def read_path(muscle: osim.Muscle, state: osim.State, bodies: Bodies) -> MuscleP
         return MusclePath(
             opensim=path,
             geometry=None,
-            fixed=_points([], [], []),
+            fixed=_points([], [], [], [], []),
             wraps=False,
             moves=True,
             drives_mobilities=True,
@@ -73,7 +76,10 @@ def path_bodies(geometry: osim.GeometryPath, bodies: Bodies) -> set[int]:
 
 
 class CurrentPaths:
-    """The points of all paths in one pose after the other; what cannot change is read once."""
+    """The points of all paths in one pose after the other; what cannot change is read once.
+
+    Public are the `surfaces` that they may touch.
+    """
 
     def __init__(self, paths: Sequence[MusclePath], state: osim.State, bodies: Bodies) -> None:
         self._bodies = bodies
@@ -92,21 +98,32 @@ class CurrentPaths:
             places = _fixed_points(points, state, bodies)
             for point, body, place in zip(points, places.bodies.tolist(), places.locations, strict=True):
                 self._known[int(point.this)] = body, place
+        wraps = [_every(path.geometry.getWrapSet()) for path in paths if path.geometry is not None]
+        self.surfaces = _wrap_surfaces(wraps, state, bodies)
+        #: the surface of contact points, by their address: Python gets nothing but that
+        self._contacts = {
+            int(point): i
+            for i, wrap in enumerate(wrap for own in wraps for wrap in own)
+            for point in (wrap.getWrapPoint1(), wrap.getWrapPoint2())
+        }
 
     def at(self, state: osim.State, rotations: FloatArray, origins: FloatArray) -> dict[str, NDArray[Any]]:
-        """Return all paths' points in ground, their bodies and whether they move, padded to the longest path.
+        """Return all paths' points in ground, their bodies, whether they move, and the surfaces they lie on.
 
-        Shapes (n_muscles, n_points, 3), (n_muscles, n_points) and (n_muscles, n_points).
+        And where OpenSim's forces act: on the contact points of its last round, if there are several
+        surfaces. Shapes (n_muscles, n_points, 3), else (n_muscles, n_points), padded to the longest path.
         """
         every = self._fixed | {m: self._current(geometry, state) for m, geometry in self._geometries.items()}
         empty = self._empty(max((len(points.bodies) for points in every.values()), default=0))
-        places, owners, moves = empty.values()
+        places, owners, moves, surfaces, acting = empty.values()
         for m, points in every.items():
             n = len(points.bodies)
             places[m, :n], owners[m, :n], moves[m, :n] = points.locations, points.bodies, points.moves
+            surfaces[m, :n], acting[m, :n] = points.surfaces, points.acting
         stay = (owners >= 0) & ~moves
         own = owners[stay]
         places[stay] = np.einsum("pij,pj->pi", rotations[own], places[stay]) + origins[own]
+        acting[stay] = places[stay]
         return empty
 
     @property
@@ -120,19 +137,28 @@ class CurrentPaths:
             "path_points": np.zeros((*shape, 3)),
             "path_point_bodies": np.full(shape, -1, dtype=np.int16),
             "path_point_moves": np.zeros(shape, dtype=bool),
+            "path_point_surfaces": np.full(shape, -1, dtype=np.int16),
+            "path_points_acting": np.zeros((*shape, 3)),
         }
 
     def _current(self, geometry: osim.GeometryPath, state: osim.State) -> PathPoints:
         """Return the points of a path now: those that move in ground, others in their bodies."""
-        owners, places, moves = [], [], []
+        owners, places, moves, surfaces, acting = [], [], [], [], []
         for point in _every(geometry.getCurrentPath(state)):
-            known = self._known.get(int(point.this))
+            address = int(point.this)
+            known, surface = self._known.get(address), self._contacts.get(address, -1)
             moves.append(known is None)
+            surfaces.append(surface)
             if known is None:
                 known = self._bodies.of(point.getParentFrame()), point.getLocationInGround(state).to_numpy()
             owners.append(known[0])
             places.append(known[1])
-        return _points(owners, places, moves)
+            if surface < 0 or self.surfaces.is_alone[surface]:
+                acting.append(known[1])
+            else:
+                frame, last = point.getParentFrame(), point.getLocation(state)
+                acting.append(frame.findStationLocationInGround(state, last).to_numpy())
+        return _points(owners, places, moves, surfaces, acting)
 
 
 class PathForces:
@@ -218,14 +244,40 @@ def _fixed_points(points: list[osim.AbstractPathPoint], state: osim.State, bodie
             location = frame.findStationLocationInAnotherFrame(state, location, base)
         locations.append(location.to_numpy())
     owners = [bodies.of(point.getParentFrame()) for point in points]
-    return _points(owners, locations, [False] * len(points))
+    return _points(owners, locations, [False] * len(points), [-1] * len(points), locations)
 
 
-def _points(bodies: list[int], locations: list[FloatArray], moves: list[bool]) -> PathPoints:
+def _points(
+    bodies: list[int],
+    locations: list[FloatArray],
+    moves: list[bool],
+    surfaces: list[int],
+    acting: list[FloatArray],
+) -> PathPoints:
     return PathPoints(
         bodies=np.array(bodies, dtype=np.int64),
         locations=np.array(locations).reshape(-1, 3),
         moves=np.array(moves, dtype=bool),
+        surfaces=np.array(surfaces, dtype=np.int64),
+        acting=np.array(acting).reshape(-1, 3),
+    )
+
+
+def _wrap_surfaces(wraps: list[list[osim.PathWrap]], state: osim.State, bodies: Bodies) -> WrapSurfaces:
+    objects = [wrap.getWrapObject() for own in wraps for wrap in own]
+    cylinders = [osim.WrapCylinder.safeDownCast(thing) for thing in objects]
+    owners, frames, centers = frame_offsets([thing.getFrame() for thing in objects], state, bodies)
+    turns = np.array([thing.get_xyz_body_rotation().to_numpy() for thing in objects]).reshape(-1, 3)
+    shifts = np.array([thing.get_translation().to_numpy() for thing in objects]).reshape(-1, 3)
+    x, y, z = (rotation(np.tile(axis, (len(objects), 1)), turns[:, i]) for i, axis in enumerate(np.eye(3)))
+    return WrapSurfaces(
+        bodies=owners,
+        rotations=frames @ x @ y @ z,
+        origins=np.einsum("nij,nj->ni", frames, shifts) + centers,
+        radii=np.array([np.nan if cylinder is None else cylinder.get_radius() for cylinder in cylinders]),
+        is_constrained=np.array([thing.get_quadrant() != "all" for thing in objects], dtype=bool),
+        is_alone=np.array([len(own) == 1 for own in wraps for _ in own], dtype=bool),
+        places=np.array([i for own in wraps for i in range(len(own))], dtype=np.int64),
     )
 
 

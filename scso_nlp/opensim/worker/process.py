@@ -68,7 +68,7 @@ def work(job: Job, folder: Path, part: int, parts: int, parent: TextIO) -> None:
     for count, row in enumerate(rows, start=1):
         frames.append(extraction.frame(int(row)))
         if len(frames) == BLOCK or count == len(rows):
-            write_frames(folder, part, (count - 1) // BLOCK, frames)
+            write_frames(folder, part, (count - 1) // BLOCK, extraction.finished(frames))
             frames = []
         if time.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
             told = time.perf_counter()

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import opensim as osim
-from numpy.typing import NDArray
 
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.opensim.worker.bodies import cross_matrices, rotation
 from scso_nlp.opensim.worker.coordinates import state_variables
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.paths import PathForces, path_bodies
-from scso_nlp.opensim.worker.poses import Pose
-from scso_nlp.opensim.worker.skeleton import JointFrames
+from scso_nlp.opensim.worker.sliding import TurnedPaths, sliding_curvature
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Half step of the virtual rotations [rad]: rounding and truncation errors meet near it.
@@ -35,16 +32,47 @@ class _Crossing:
     beside: IntArray  # and on one
     wrapping: set[int]  # those that cross and may wrap
 
+    def turned(self, frames: PosedPaths) -> TurnedPaths:
+        """Return the paths that cross."""
+        return TurnedPaths(
+            points=frames.points[:, self.crossing],
+            acting=frames.acting[:, self.crossing],
+            bodies=frames.bodies[:, self.crossing],
+            surfaces=frames.surfaces[:, self.crossing],
+            rotations=frames.rotations,
+            origins=frames.origins,
+            centers=frames.centers[:, self.joint],
+            is_distal=self.is_distal,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosedPaths:
+    """Paths, joints and bodies in some frames: what virtual rotations are computed from."""
+
+    time: FloatArray  # (n_frames,) [s]
+    values: FloatArray  # (n_frames, n_u) [rad or m], of the coordinates
+    rotations: FloatArray  # (n_frames, n_bodies, 3, 3) [-], columns are the bodies' axes
+    origins: FloatArray  # (n_frames, n_bodies, 3) [m]
+    centers: FloatArray  # (n_frames, n_joints, 3) [m]
+    axes: FloatArray  # (n_frames, n_joints, 3, 3) [-], unit axes x, y, z
+    points: FloatArray  # (n_frames, n_muscles, n_points, 3) [m], in ground
+    acting: FloatArray  # (n_frames, n_muscles, n_points, 3) [m], in ground, where OpenSim's forces act
+    bodies: IntArray  # (n_frames, n_muscles, n_points), which each is fixed to or lies on, -1 for none
+    surfaces: IntArray  # (n_frames, n_muscles, n_points), which contact points lie on, else -1
+
 
 class VirtualRotations:
     """Turns everything distal of a joint rigidly about one of its axes, other coordinates held.
 
-    Points of a path stay where they are on their bodies, but for contact points on wrap surfaces: unless one
-    is an end of a segment that crosses the joint, moment arms and curvature are known in closed form. Of
-    these OpenSim is asked: in a copy of the model a massless body with six free coordinates stands between
-    each such joint and the body it hangs on. At zero the model is as before; a finite rotation about any axis
-    through any point is a rotation and a translation of that body. Joints that no wrapping muscle has in
-    common turn at once.
+    Points of a path stay where they are on their bodies, but for contact points on wrap surfaces. Moment arms
+    follow from the points alone: OpenSim's forces act along the segments. So does curvature where no contact
+    point is an end of a segment that crosses the joint, and on cylinders, where OpenSim's rule for contact
+    points is differentiated (:mod:`scso_nlp.opensim.worker.wrapping`) if it gives the points that OpenSim
+    has. For other surfaces, and where the rule went another way, OpenSim's moment arms are asked on both
+    sides: in a copy of the model a massless body with six free coordinates stands between each such joint and
+    the body it hangs on. At zero the model is as before; a finite rotation about any axis through any point
+    is a rotation and a translation of that body. Joints that no wrapping muscle has in common turn at once.
     """
 
     def __init__(self, model: Model, axes: list[tuple[str, str]]) -> None:
@@ -62,51 +90,49 @@ class VirtualRotations:
             rows.setdefault(joints.index(name), {})["xyz".index(axis)] = row
         self._crossings = [_crossing(model, joint, own) for joint, own in sorted(rows.items())]
         self._turned = [crossing for crossing in self._crossings if crossing.wrapping]
-        chosen = [crossing.joint for crossing in self._turned]
-        self._copy = _TurningCopy(model, chosen) if chosen else None
         self._at_once = _apart(self._turned)
+        #: made when it is asked for the first time
+        self._copy: _TurningCopy | None = None
 
-    def at(
-        self, pose: Pose, joints: JointFrames, path_points: Mapping[str, NDArray[Any]]
-    ) -> dict[str, FloatArray]:
-        """Return virtual moment arms and curvature in a pose, both of shape (n_rows, n_muscles) [m].
-
-        `path_points` are those of the pose, as `path_arrays` has them.
-        """
-        shape = (len(self.names), len(self._original.paths))
+    def at(self, frames: PosedPaths) -> dict[str, FloatArray]:
+        """Return virtual moment arms and curvature, both of shape (n_frames, n_rows, n_muscles) [m]."""
+        surfaces = self._original.current_paths.surfaces
+        shape = (len(frames.time), len(self.names), len(self._original.paths))
         arms, curvature = np.full(shape, np.nan), np.full(shape, np.nan)
-        sliding = {}
-        for crossing in self._crossings:
-            for row in crossing.rows.values():
-                arms[row, crossing.beside] = curvature[row, crossing.beside] = 0.0
-            segments = _segments(crossing, joints.centers[crossing.joint], path_points)
-            own_arms, own_curvature = segments.derivatives(joints.axes[crossing.joint])
-            for axis, row in crossing.rows.items():
-                arms[row, crossing.crossing] = own_arms[:, axis]
-                curvature[row, crossing.crossing] = own_curvature[:, axis]
-            slides = crossing.crossing[segments.slides].tolist()
-            sliding[crossing.joint] = [m for m in slides if m in crossing.wrapping]
-        if self._copy is not None and any(sliding.values()):
-            self._copy.take(pose, joints)
-            for crossing, at_zero in zip(self._turned, self._copy.arms_at_zero(sliding), strict=True):
-                for axis, row in crossing.rows.items():
-                    arms[row, sliding[crossing.joint]] = at_zero[axis]
-            for group in self._at_once:
-                self._ask(group, sliding, curvature)
+        unknown = np.zeros((len(self._crossings), shape[0], shape[2]), dtype=bool)
+        for c, crossing in enumerate(self._crossings):
+            own = list(crossing.rows.values())
+            for row in own:
+                arms[:, row, crossing.beside] = curvature[:, row, crossing.beside] = 0.0
+            directions = frames.axes[:, crossing.joint, list(crossing.rows)]
+            paths = crossing.turned(frames)
+            sliding, is_known = sliding_curvature(paths, surfaces, directions)
+            unknown[c][:, crossing.crossing] = ~is_known
+            place = slice(None), np.array(own)[:, None], crossing.crossing
+            arms[place] = _moment_arms(paths, directions)
+            curvature[place] = _staying_curvature(paths, directions) + sliding
+        joints = [crossing.joint for crossing in self._crossings]
+        for f in np.flatnonzero(unknown.any(axis=(0, 2))).tolist():
+            asked = {joint: np.flatnonzero(unknown[c, f]).tolist() for c, joint in enumerate(joints)}
+            self._ask(frames, f, asked, curvature[f])
         return {"virtual_moment_arms": arms, "virtual_curvature": curvature}
 
-    def _ask(self, group: list[_Crossing], sliding: dict[int, list[int]], curvature: FloatArray) -> None:
-        """Fill in the curvature of sliding muscles by central differences of OpenSim's moment arms."""
-        assert self._copy is not None
-        for axis in range(3):
-            turned = {c.joint: c.rows[axis] for c in group if axis in c.rows and sliding[c.joint]}
-            if not turned:
-                continue
-            before, after = (
-                self._copy.arms(turned, axis, angle, sliding) for angle in (-VIRTUAL_STEP, VIRTUAL_STEP)
-            )
-            for joint, row in turned.items():
-                curvature[row, sliding[joint]] = -(after[joint] - before[joint]) / (2.0 * VIRTUAL_STEP)
+    def _ask(self, frames: PosedPaths, f: int, muscles: dict[int, list[int]], curvature: FloatArray) -> None:
+        """Fill in the curvature of muscles in a frame by central differences of OpenSim's moment arms."""
+        if self._copy is None:
+            self._copy = _TurningCopy(self._original, [crossing.joint for crossing in self._turned])
+        self._copy.take(frames, f)
+        for group in self._at_once:
+            for axis in range(3):
+                turned = {c.joint: c.rows[axis] for c in group if axis in c.rows and muscles[c.joint]}
+                if not turned:
+                    continue
+                before, after = (
+                    self._copy.arms(turned, axis, angle, muscles) for angle in (-VIRTUAL_STEP, VIRTUAL_STEP)
+                )
+                for joint, row in turned.items():
+                    change = after[joint] - before[joint]
+                    curvature[row, muscles[joint]] = -change / (2.0 * VIRTUAL_STEP)
 
 
 class _TurningCopy:
@@ -141,34 +167,22 @@ class _TurningCopy:
         # moving points push their coordinate, never the free body
         self._path_forces = PathForces(self._model, self._state, paths, [False] * len(paths))
 
-    def take(self, pose: Pose, joints: JointFrames) -> None:
-        """Take a pose of the original."""
-        self._state.setTime(pose.time)
+    def take(self, frames: PosedPaths, f: int) -> None:
+        """Take the pose of a frame."""
+        self._state.setTime(float(frames.time[f]))
         is_locked = self._original.coordinates.is_locked
         for k, coordinate in enumerate(self._coordinates):
             if not is_locked[k]:
-                coordinate.setValue(self._state, float(pose.values[k]), False)
+                coordinate.setValue(self._state, float(frames.values[f, k]), False)
         self._q = np.array(self._state.getQ().to_numpy())
         #: per joint: its center and axes in the body it hangs on
         self._frames = {}
         for j in self._free:
             inboard = self._original.joints.inboard[j]
-            to_inboard = pose.rotations[inboard].T
-            center = to_inboard @ (joints.centers[j] - pose.origins[inboard])
-            self._frames[j] = center, joints.axes[j] @ to_inboard.T
+            to_inboard = frames.rotations[f, inboard].T
+            center = to_inboard @ (frames.centers[f, j] - frames.origins[f, inboard])
+            self._frames[j] = center, frames.axes[f, j] @ to_inboard.T
             self._q[self._free[j][0]] = 0.0
-
-    def arms_at_zero(self, muscles: Mapping[int, list[int]]) -> list[FloatArray]:
-        """Return the moment arms of each joint's muscles about its axes, shapes (3, n_own) [m]."""
-        self._put(self._q)
-        every = sorted(set().union(*muscles.values()))
-        generalized = self._path_forces.columns(self._state, every)
-        arms = []
-        for j, (_, first) in self._free.items():
-            own = generalized[first : first + 6, np.searchsorted(every, muscles[j])]
-            center, axes = self._frames[j]
-            arms.append(axes @ (own[:3] - cross_matrices(center) @ own[3:]))
-        return arms
 
     def arms(
         self, joints: Iterable[int], axis: int, angle: float, muscles: Mapping[int, list[int]]
@@ -208,45 +222,41 @@ def _place(state: osim.State, coordinate: osim.Coordinate) -> int:
     return int(place)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Segments:
-    """The segments of some muscles' paths, and which of them cross a joint."""
+def _moment_arms(paths: TurnedPaths, axes: FloatArray) -> FloatArray:
+    """Return moment arms of paths about unit axes, (n_frames, n, 3): shape (n_frames, n, n_paths) [m].
 
-    crosses: BoolArray  # (n_muscles, n_points - 1)
-    proximal: FloatArray  # (n_muscles, n_points - 1, 3) [m], ends, from the joint's center
-    distal: FloatArray  # (n_muscles, n_points - 1, 3) [m]
-    slides: BoolArray  # (n_muscles,), an end is a contact point or a moving point
-
-    def derivatives(self, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return moment arms and curvature about unit axes, shape (n, 3), both (n_muscles, n) [m].
-
-        With A on the proximal and B on the distal side, in a segment of length l: r = u · (B x A) / l and
-        l'' = (A · B - (A · u) (B · u) - r²) / l.
-        """
-        a, b = self.proximal, self.distal
-        length = np.linalg.norm(b - a, axis=-1)[..., None]
-        # as in OpenSim, a segment without length has no direction
-        with np.errstate(invalid="ignore", divide="ignore"):
-            r = np.cross(b, a) @ axes.T / length
-            along = (a @ axes.T) * (b @ axes.T)
-            curvature = ((a * b).sum(axis=-1, keepdims=True) - along - r**2) / length
-        crosses = self.crosses[..., None]
-        return np.where(crosses, r, 0.0).sum(axis=1), np.where(crosses, curvature, 0.0).sum(axis=1)
+    With e from one point to the next, on another body, and x from the joint's center to where forces act:
+    r = Σ u · e x (x_b - x_a), each x only if its body turns.
+    """
+    turns = paths.is_distal[paths.bodies] & (paths.bodies >= 0)
+    acting = np.where(turns[..., None], paths.acting - paths.centers[:, None, None], 0.0)
+    segments = np.diff(paths.points, axis=2)
+    is_between = (paths.bodies[..., 1:] != paths.bodies[..., :-1]) & (paths.bodies[..., 1:] >= 0)
+    length = np.sqrt((segments**2).sum(axis=-1))
+    # as in OpenSim, a segment without length has no direction
+    with np.errstate(invalid="ignore", divide="ignore"):
+        torques = np.cross(segments, np.diff(acting, axis=2)) / length[..., None]
+    sums = np.where(is_between[..., None], torques, 0.0).sum(axis=2)
+    return axes @ np.swapaxes(sums, 1, 2)
 
 
-def _segments(crossing: _Crossing, center: FloatArray, path_points: Mapping[str, NDArray[Any]]) -> _Segments:
-    chosen = crossing.crossing
-    bodies, moves = path_points["path_point_bodies"][chosen], path_points["path_point_moves"][chosen]
-    points = path_points["path_points"][chosen] - center
-    turns, is_there = crossing.is_distal[bodies], bodies >= 0
-    crosses = (turns[:, 1:] != turns[:, :-1]) & is_there[:, 1:]
-    first_turns = turns[:, :-1, None]
-    return _Segments(
-        crosses=crosses,
-        proximal=np.where(first_turns, points[:, 1:], points[:, :-1]),
-        distal=np.where(first_turns, points[:, :-1], points[:, 1:]),
-        slides=(crosses & (moves[:, 1:] | moves[:, :-1])).any(axis=1),
-    )
+def _staying_curvature(paths: TurnedPaths, axes: FloatArray) -> FloatArray:
+    """Return what segments without contact points add to curvature, (n_frames, n, n_paths) [m].
+
+    With A on the proximal and B on the distal side, in a segment of length l: r = u · (B x A) / l and
+    l'' = (A · B - (A · u) (B · u) - r²) / l.
+    """
+    turns, touches = paths.is_distal[paths.bodies], paths.surfaces >= 0
+    counts = (turns[..., 1:] != turns[..., :-1]) & (paths.bodies[..., 1:] >= 0)
+    counts &= ~(touches[..., 1:] | touches[..., :-1])
+    f, m, p = np.nonzero(counts)
+    a, b = paths.points[f, m, p] - paths.centers[f], paths.points[f, m, p + 1] - paths.centers[f]
+    length, u = np.sqrt(((b - a) ** 2).sum(axis=1))[:, None], axes[f]
+    r, along = (u @ np.cross(b, a)[..., None])[..., 0], (u @ a[..., None] * (u @ b[..., None]))[..., 0]
+    curvature = np.zeros((len(axes), paths.points.shape[1], axes.shape[1]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        np.add.at(curvature, (f, m), ((a * b).sum(axis=1)[:, None] - along - (r / length) ** 2) / length)
+    return np.swapaxes(curvature, 1, 2)
 
 
 def _wanted(axes: list[tuple[str, str]], joints: list[str]) -> list[tuple[str, str]]:
