@@ -40,9 +40,10 @@ def body(name: str, wraps: str = "") -> str:
       <WrapObjectSet name="wraps"><objects>{wraps}</objects></WrapObjectSet></Body>"""
 
 
-def cylinder(name: str, at: str) -> str:
+def cylinder(name: str, at: str, quadrant: str = "all", turned: str = "0 0 0") -> str:
     return f"""<WrapCylinder name="{name}"><translation>{at}</translation><radius>0.03</radius>
-      <length>0.4</length><quadrant>all</quadrant></WrapCylinder>"""
+      <length>0.4</length><quadrant>{quadrant}</quadrant>
+      <xyz_body_rotation>{turned}</xyz_body_rotation></WrapCylinder>"""
 
 
 def point(body: str, at: str, kind: str = "PathPoint", more: str = "") -> str:
@@ -108,8 +109,50 @@ MUSCLES = {
 }
 
 
-def write_model(folder: Path) -> Path:
-    bodies = body("base") + body("upper", cylinder("knob", "0 -0.3 0"))
+#: Over surfaces of every kind, one or several.
+ROUND = {
+    "tilted": muscle(
+        "tilted", point("upper", "-0.03 -0.25 0.05"), point("lower", "0 -0.14 -0.08"), wraps=("tilt",)
+    ),
+    "behind": muscle(
+        "behind", point("upper", "0.01 -0.1 0.03"), point("lower", "-0.02 -0.14 -0.02"), wraps=("ridge",)
+    ),
+    "bead": muscle(
+        "bead", point("upper", "-0.02 -0.1 0.01"), point("lower", "-0.03 -0.14 0.02"), wraps=("bead",)
+    ),
+    "egg": muscle(
+        "egg", point("upper", "-0.02 -0.1 0.01"), point("lower", "-0.03 -0.14 0.02"), wraps=("egg",)
+    ),
+    "listed": muscle(
+        "listed",
+        point("upper", "-0.03 -0.25 0.05"),
+        point("lower", "0 -0.14 -0.08"),
+        wraps=("tilt", "far_tilt"),
+    ),
+    "mixed": muscle(
+        "mixed",
+        point("upper", "-0.01 -0.1 0.05"),
+        point("hand", "-0.02 -0.1 -0.05"),
+        wraps=("small_knob", "bead"),
+    ),
+    "twice": MUSCLES["twice"],
+    "backwards": muscle(
+        "backwards",
+        point("upper", "-0.02 -0.1 0.02"),
+        point("hand", "-0.02 -0.1 0.06"),
+        wraps=("small_knob", "tilt"),
+    ),
+}
+
+
+def write_model(folder: Path, muscles: dict[str, str] = MUSCLES) -> Path:
+    surfaces = cylinder("knob", "0 -0.3 0")
+    surfaces += cylinder("tilt", "0 -0.3 0", turned="0.2 0.3 0.1") + cylinder("far_tilt", "0.5 -0.3 0")
+    surfaces += cylinder("ridge", "0 -0.3 0", quadrant="-x", turned="0.1 -0.2 0")
+    surfaces += """<WrapSphere name="bead"><translation>0 -0.3 0</translation><radius>0.03</radius>
+      </WrapSphere><WrapEllipsoid name="egg"><translation>0 -0.3 0</translation>
+      <dimensions>0.03 0.05 0.04</dimensions></WrapEllipsoid>"""
+    bodies = body("base") + body("upper", surfaces)
     bodies += body("lower", cylinder("small_knob", "0 -0.25 0")) + body("hand")
     pin = f"""<PinJoint name="pin">{frames("/ground", "0 1 0", "/bodyset/base")}
       <coordinates><Coordinate name="swing"></Coordinate></coordinates></PinJoint>"""
@@ -122,7 +165,7 @@ def write_model(folder: Path) -> Path:
 <OpenSimDocument Version="40600"><Model name="balls">
   <BodySet name="bodyset"><objects>{bodies}</objects></BodySet>
   <JointSet name="jointset"><objects>{joints}</objects></JointSet>
-  <ForceSet name="forceset"><objects>{"".join(MUSCLES.values())}</objects></ForceSet>
+  <ForceSet name="forceset"><objects>{"".join(muscles.values())}</objects></ForceSet>
 </Model></OpenSimDocument>""",
         encoding="utf-8",
     )
@@ -130,16 +173,16 @@ def write_model(folder: Path) -> Path:
 
 
 def by_opensim(
-    folder: Path, model: Path, found: MotionTrajectory, rows: tuple[str, ...]
+    folder: Path, model: Path, found: MotionTrajectory, rows: tuple[str, ...], step: float = STEP
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moment arms and five-point derivatives of them, shape (n_frames, n_rows, n_muscles)."""
     steps = (0, -2, -1, 1, 2)
     values = []
     for pose in found.coordinate_values:
         for row in rows:
-            for step in steps:
+            for n in steps:
                 shifted = pose.copy()
-                shifted[found.coordinates.index(row)] += step * STEP
+                shifted[found.coordinates.index(row)] += n * step
                 values.append(shifted.tolist())
     arms = ask_opensim(
         folder,
@@ -150,20 +193,24 @@ def by_opensim(
         values=values,
     )["moment_arms"].reshape(found.n_frames, len(rows), len(steps), len(found.coordinates), -1)
     own = np.stack([arms[:, i, :, found.coordinates.index(row)] for i, row in enumerate(rows)], axis=1)
-    slopes = (own[:, :, 1] - 8 * own[:, :, 2] + 8 * own[:, :, 3] - own[:, :, 4]) / (12 * STEP)
+    slopes = (own[:, :, 1] - 8 * own[:, :, 2] + 8 * own[:, :, 3] - own[:, :, 4]) / (12 * step)
     return own[:, :, 0], -slopes
+
+
+def load(folder: Path, model: Path, n_frames: int) -> MotionTrajectory:
+    time = np.linspace(0, 1, n_frames)
+    rng = np.random.default_rng(1)
+    coordinates = ["swing", *(f"{joint}_{axis}" for joint in ("hip", "knee", "wrist") for axis in "xyz")]
+    motion = write_motion(
+        folder / "m.sto", time, {name: rng.uniform(-0.35, 0.35, len(time)) for name in coordinates}
+    )
+    axes = tuple((joint, axis) for joint in ("knee", "wrist", "hip") for axis in "zxy")
+    return load_motion(model=model, coordinates=motion, stability_axes=axes, processes=1).trajectory
 
 
 def test_all_kinds_of_paths_have_the_moment_arms_and_curvature_of_opensim(tmp_path: Path) -> None:
     model = write_model(tmp_path)
-    time = np.linspace(0, 1, 7)
-    rng = np.random.default_rng(1)
-    coordinates = ["swing", *(f"{joint}_{axis}" for joint in ("hip", "knee", "wrist") for axis in "xyz")]
-    motion = write_motion(
-        tmp_path / "m.sto", time, {name: rng.uniform(-0.35, 0.35, len(time)) for name in coordinates}
-    )
-    axes = tuple((joint, axis) for joint in ("knee", "wrist", "hip") for axis in "zxy")
-    found = load_motion(model=model, coordinates=motion, stability_axes=axes, processes=1).trajectory
+    found = load(tmp_path, model, n_frames=7)
     skeleton = found.skeleton
     assert skeleton is not None
     arms, curvature = by_opensim(tmp_path, model, found, skeleton.virtual_rows)
@@ -199,3 +246,32 @@ def test_all_kinds_of_paths_have_the_moment_arms_and_curvature_of_opensim(tmp_pa
         "both": {"knee", "wrist"},
         "far": {"wrist"},
     }
+
+
+def test_paths_over_all_kinds_of_surfaces_have_the_moment_arms_and_curvature_of_opensim(
+    tmp_path: Path,
+) -> None:
+    model = write_model(tmp_path, ROUND)
+    found = load(tmp_path, model, n_frames=12)
+    skeleton = found.skeleton
+    assert skeleton is not None
+    crossed = [r for r, row in enumerate(skeleton.virtual_rows) if not row.startswith("hip")]
+    rows = tuple(skeleton.virtual_rows[r] for r in crossed)
+    arms, curvature = by_opensim(tmp_path, model, found, rows, step=1e-6)
+    points, moves = skeleton.path_points, skeleton.path_point_moves
+    n_contacts = {}
+    for name in ROUND:
+        m = found.muscles.index(name)
+        # the stencil's rounding; where OpenSim is asked, its step of 1e-4 too
+        tolerance = 3e-6 if name in ("bead", "egg", "mixed") else 2e-8
+        own_arms, own_curvature = (
+            array[:, crossed, m] for array in (skeleton.virtual_moment_arms, skeleton.virtual_curvature)
+        )
+        np.testing.assert_allclose(own_arms, arms[:, :, m], atol=1e-11, err_msg=name)
+        np.testing.assert_allclose(own_curvature, curvature[:, :, m], atol=tolerance, err_msg=name)
+        assert np.abs(own_curvature).max() > 1e-2
+        n_contacts[name] = int(moves[:, m].sum(axis=-1).max())
+    assert n_contacts == {name: 4 if name in ("mixed", "twice", "backwards") else 2 for name in ROUND}
+    # the same path: with a second surface in its list contact points are shifted until they are tangent
+    tilted, listed = (found.muscles.index(name) for name in ("tilted", "listed"))
+    assert np.abs(points[:, tilted] - points[:, listed]).max() > 1e-4

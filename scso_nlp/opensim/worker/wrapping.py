@@ -171,8 +171,9 @@ def _contact(p: Array, q: Array, side: FloatArray, cylinders: Cylinders) -> tupl
         contact[..., 2] = np.where(np.abs((height - other[..., 2]).real) < reach, height, own[..., 2])
     shifted = np.flatnonzero(~cylinders.is_alone)
     if shifted.size:
-        points = [array[shifted] for array in (r, s, p, q)]
-        r[shifted, :, 2], s[shifted, :, 2] = _shift(*points, radius[shifted], is_long[shifted])
+        r[shifted, :, 2], s[shifted, :, 2] = _shift(
+            r[shifted], s[shifted], p[shifted], q[shifted], radius[shifted], is_long[shifted]
+        )
     return r, s
 
 
