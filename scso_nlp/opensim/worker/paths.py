@@ -20,13 +20,10 @@ STAYING_POINTS = ("PathPoint", "ConditionalPathPoint")
 
 @dataclass(frozen=True, kw_only=True)
 class PathPoints:
-    """Points of one path from origin to insertion."""
+    """Points of one path from origin to insertion, or some of them, that are fixed to bodies."""
 
     bodies: IntArray  # (n_points,), which each is fixed to or lies on
-    locations: FloatArray  # (n_points, 3) [m], in these bodies or in ground
-    moves: BoolArray  # (n_points,), contact points on wrap surfaces and moving points
-    surfaces: IntArray  # (n_points,), of contact points, else -1
-    acting: FloatArray  # (n_points, 3) [m], like the locations: where OpenSim's forces act
+    locations: FloatArray  # (n_points, 3) [m], in these bodies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +46,7 @@ def read_path(muscle: osim.Muscle, state: osim.State, bodies: Bodies) -> MuscleP
         return MusclePath(
             opensim=path,
             geometry=None,
-            fixed=_points([], [], [], [], []),
+            fixed=_points([], []),
             wraps=False,
             moves=True,
             drives_mobilities=True,
@@ -84,20 +81,27 @@ class CurrentPaths:
     def __init__(self, paths: Sequence[MusclePath], state: osim.State, bodies: Bodies) -> None:
         self._bodies = bodies
         self._n_muscles = len(paths)
-        self._fixed = {m: path.fixed for m, path in enumerate(paths) if path.fixed is not None}
-        self._geometries = {m: path.geometry for m, path in enumerate(paths) if m not in self._fixed}
-        #: body and place of points that stay there, by their address: they live as long as the model
-        self._known: dict[int, tuple[int, FloatArray]] = {}
-        for geometry in self._geometries.values():
-            assert geometry is not None
-            points = [
-                point
-                for point in _every(geometry.getPathPointSet())
-                if point.getConcreteClassName() in STAYING_POINTS
-            ]
-            places = _fixed_points(points, state, bodies)
-            for point, body, place in zip(points, places.bodies.tolist(), places.locations, strict=True):
-                self._known[int(point.this)] = body, place
+        fixed = {m: path.fixed for m, path in enumerate(paths) if path.fixed is not None}
+        #: muscle, place on the path and number, among those that stay on their bodies, of points of paths
+        #: that cannot change
+        places = [(m, i) for m, points in fixed.items() for i in range(len(points.bodies))]
+        self._fixed = [(m, i, k) for k, (m, i) in enumerate(places)]
+        self._geometries = {
+            m: path.geometry
+            for m, path in enumerate(paths)
+            if path.geometry is not None and path.fixed is None
+        }
+        others = [
+            point
+            for geometry in self._geometries.values()
+            for point in _every(geometry.getPathPointSet())
+            if point.getConcreteClassName() in STAYING_POINTS
+        ]
+        #: and the number of those of other paths, by their address: they live as long as the model
+        self._known = {int(point.this): k for k, point in enumerate(others, start=len(places))}
+        staying = [*fixed.values(), _fixed_points(others, state, bodies)]
+        self._owners = np.concatenate([points.bodies for points in staying])
+        self._locations = np.concatenate([points.locations for points in staying])
         wraps = [_every(path.geometry.getWrapSet()) for path in paths if path.geometry is not None]
         self.surfaces = _wrap_surfaces(wraps, state, bodies)
         #: the surface of contact points, by their address: Python gets nothing but that
@@ -113,18 +117,30 @@ class CurrentPaths:
         And where OpenSim's forces act: on the contact points of its last round, if there are several
         surfaces. Shapes (n_muscles, n_points, 3), else (n_muscles, n_points), padded to the longest path.
         """
-        every = self._fixed | {m: self._current(geometry, state) for m, geometry in self._geometries.items()}
-        empty = self._empty(max((len(points.bodies) for points in every.values()), default=0))
-        places, owners, moves, surfaces, acting = empty.values()
-        for m, points in every.items():
-            n = len(points.bodies)
-            places[m, :n], owners[m, :n], moves[m, :n] = points.locations, points.bodies, points.moves
-            surfaces[m, :n], acting[m, :n] = points.surfaces, points.acting
-        stay = (owners >= 0) & ~moves
-        own = owners[stay]
-        places[stay] = np.einsum("pij,pj->pi", rotations[own], places[stay]) + origins[own]
-        acting[stay] = places[stay]
-        return empty
+        staying, moving, points = self._fixed.copy(), [], []
+        for m, geometry in self._geometries.items():
+            for i, point in enumerate(_every(geometry.getCurrentPath(state))):
+                known = self._known.get(int(point.this))
+                if known is None:
+                    moving.append((m, i))
+                    points.append(point)
+                else:
+                    staying.append((m, i, known))
+        found = self._empty(max((at[1] + 1 for at in (*staying, *moving)), default=0))
+        locations, owners, moves, surfaces, acting = found.values()
+        muscles, places, numbers = np.array(staying, dtype=np.int64).reshape(-1, 3).T
+        own = self._owners[numbers]
+        in_ground = np.einsum("pij,pj->pi", rotations[own], self._locations[numbers]) + origins[own]
+        owners[muscles, places] = own
+        locations[muscles, places] = acting[muscles, places] = in_ground
+        for (m, i), point in zip(moving, points, strict=True):
+            frame, moves[m, i] = point.getParentFrame(), True
+            owners[m, i], surfaces[m, i] = self._bodies.of(frame), self._contacts.get(int(point.this), -1)
+            locations[m, i] = acting[m, i] = point.getLocationInGround(state).to_numpy()
+            if surfaces[m, i] >= 0 and not self.surfaces.is_alone[surfaces[m, i]]:
+                last = frame.findStationLocationInGround(state, point.getLocation(state))
+                acting[m, i] = last.to_numpy()
+        return found
 
     @property
     def nothing(self) -> dict[str, NDArray[Any]]:
@@ -140,25 +156,6 @@ class CurrentPaths:
             "path_point_surfaces": np.full(shape, -1, dtype=np.int16),
             "path_points_acting": np.zeros((*shape, 3)),
         }
-
-    def _current(self, geometry: osim.GeometryPath, state: osim.State) -> PathPoints:
-        """Return the points of a path now: those that move in ground, others in their bodies."""
-        owners, places, moves, surfaces, acting = [], [], [], [], []
-        for point in _every(geometry.getCurrentPath(state)):
-            address = int(point.this)
-            known, surface = self._known.get(address), self._contacts.get(address, -1)
-            moves.append(known is None)
-            surfaces.append(surface)
-            if known is None:
-                known = self._bodies.of(point.getParentFrame()), point.getLocationInGround(state).to_numpy()
-            owners.append(known[0])
-            places.append(known[1])
-            if surface < 0 or self.surfaces.is_alone[surface]:
-                acting.append(known[1])
-            else:
-                frame, last = point.getParentFrame(), point.getLocation(state)
-                acting.append(frame.findStationLocationInGround(state, last).to_numpy())
-        return _points(owners, places, moves, surfaces, acting)
 
 
 class PathForces:
@@ -244,23 +241,11 @@ def _fixed_points(points: list[osim.AbstractPathPoint], state: osim.State, bodie
             location = frame.findStationLocationInAnotherFrame(state, location, base)
         locations.append(location.to_numpy())
     owners = [bodies.of(point.getParentFrame()) for point in points]
-    return _points(owners, locations, [False] * len(points), [-1] * len(points), locations)
+    return _points(owners, locations)
 
 
-def _points(
-    bodies: list[int],
-    locations: list[FloatArray],
-    moves: list[bool],
-    surfaces: list[int],
-    acting: list[FloatArray],
-) -> PathPoints:
-    return PathPoints(
-        bodies=np.array(bodies, dtype=np.int64),
-        locations=np.array(locations).reshape(-1, 3),
-        moves=np.array(moves, dtype=bool),
-        surfaces=np.array(surfaces, dtype=np.int64),
-        acting=np.array(acting).reshape(-1, 3),
-    )
+def _points(bodies: list[int], locations: list[FloatArray]) -> PathPoints:
+    return PathPoints(bodies=np.array(bodies, dtype=np.int64), locations=np.array(locations).reshape(-1, 3))
 
 
 def _wrap_surfaces(wraps: list[list[osim.PathWrap]], state: osim.State, bodies: Bodies) -> WrapSurfaces:
