@@ -186,7 +186,7 @@ def paragraph(result: dict[str, Any]) -> str:
             continue
         frames = runs["whole run, SO"]["frames"]
         theirs = _static_optimization(rows)
-        part = "" if theirs is None or theirs["frames"] >= frames else f" (of {theirs['frames']:,})"
+        part = "" if theirs is None or theirs["frames"] >= frames else f" ({theirs['frames']:,} of them)"
         ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in _KINDS]
         motions.append((frames, f"{case}, {frames:,} frames: {', '.join([_seconds(theirs) + part, *ours])}"))
     longest = sorted(motions)[-_MOST_MOTIONS:]

@@ -205,7 +205,7 @@ def test_pages_are_made_of_a_result(result, tmp_path):
     readme = (tmp_path / "README.md").read_text()
     assert readme.startswith("Speedy\n\nSpeed: seconds of whole runs")
     assert readme.endswith(".\n\nafter\n")
-    assert "walk, 100 frames: 30.0 (of 10), 2.0, –, –." in readme.replace("\n", " ")
+    assert "walk, 100 frames: 30.0 (10 of them), 2.0, –, –." in readme.replace("\n", " ")
     assert "old" not in readme
     assert "and more" not in readme
 
