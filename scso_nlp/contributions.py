@@ -1,7 +1,7 @@
 """Where stability comes from: every muscle's share of every row and mode, and stiffness in other words.
 
 Margins, multipliers and smallest eigenvalues are in :class:`~scso_nlp.Solution`; what can be reached at all
-is in :mod:`scso_nlp.solve.reach`.
+is in :mod:`scso_nlp.solver.reach`.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ STIFFNESS_LAWS = {
     "short-range": Named("muscle_models.stiffness_law:ShortRangeStiffness"),
     "fiber": Named("muscle_models.stiffness_law:FiberStiffness"),
 }
-SOLVERS = {"trajectory": Named("solve:solve_trajectory"), "framewise": Named("solve:solve_framewise")}
+SOLVERS = {"trajectory": Named("solver:solve_trajectory"), "framewise": Named("solver:solve_framewise")}
 
 
 def name_of(thing: object, table: Mapping[str, Named]) -> str:

@@ -33,7 +33,7 @@ from scso_nlp.opensim.setup_xml import (
     read_analyze_setup,
     with_changes,
 )
-from scso_nlp.solve.ipopt import SolverOptions
+from scso_nlp.solver.ipopt import SolverOptions
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness, passive_matrix
 from scso_nlp.text import number
 from scso_nlp.validation import nearest, unique_names

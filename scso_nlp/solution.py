@@ -1,6 +1,6 @@
 """What a solve gives back: arrays, a status per frame, rows with margins and multipliers, a report.
 
-Data only: :mod:`scso_nlp.solve.judge` is the one place where they are made of a solver's unknowns.
+Data only: :mod:`scso_nlp.solver.judge` is the one place where they are made of a solver's unknowns.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from scso_nlp.muscles import ActuatorParameters
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.report.results import write_solution
 from scso_nlp.solution import InfeasibilityProof, Shortfall, SolveReport, Status
-from scso_nlp.solve.feasibility import Impossible
-from scso_nlp.solve.judge import Outcome, judge
+from scso_nlp.solver.feasibility import Impossible
+from scso_nlp.solver.judge import Outcome, judge
 from scso_nlp.trajectory import MotionTrajectory, Skeleton
 from scso_nlp.transcription.describe import describe
 

@@ -29,7 +29,7 @@ TESTS = Path(__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 #: Folders and files that may speak CasADi.
-SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcription", "solve")
+SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcription", "solver")
 
 #: The rooms of the house from bottom to top. A room knows those below it, never those above.
 LAYERS = (
@@ -52,7 +52,7 @@ LAYERS = (
     "transcription",
     "verdict",
     "solution",
-    "solve",
+    "solver",
     "contributions",
     "io",
     "opensim",
@@ -197,7 +197,7 @@ def test_no_circle_of_files():
 
 def test_only_the_solver_and_the_list_of_public_names_know_the_transcription():
     knowing = {p for p in FILES if any(room(m) == "transcription" for m in imported_modules(p))}
-    assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solve"}
+    assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solver"}
 
 
 #: Modules that a process with CasADi cannot import.

@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 
 import scso_nlp.run
-import scso_nlp.solve.judge
-import scso_nlp.solve.verbs
+import scso_nlp.solver.judge
+import scso_nlp.solver.verbs
 import scso_nlp.transcription.describe
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import DataError
@@ -33,8 +33,8 @@ def test_a_run_on_the_whole_hessian_builds_twice_and_judges_each_answer_once(tmp
         return call
 
     for name, places in {
-        "describe": (scso_nlp.solve.verbs, scso_nlp.solve.judge),
-        "judge": (scso_nlp.solve.verbs,),
+        "describe": (scso_nlp.solver.verbs, scso_nlp.solver.judge),
+        "judge": (scso_nlp.solver.verbs,),
     }.items():
         wrapped = counted(name, getattr(places[0], name))
         for place in places:

@@ -33,7 +33,7 @@ from scso_nlp.files import hashes
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.settings import OutputSettings, RunSettings, read_settings, record
-from scso_nlp.solve import SolverOptions
+from scso_nlp.solver import SolverOptions
 
 SPINE = example_folder("spine-load-height")
 

@@ -11,7 +11,7 @@ from scso_nlp.cli.options import Source, Verbose, with_every_setting
 from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
-    from scso_nlp.solve.reach import Reach
+    from scso_nlp.solver.reach import Reach
     from scso_nlp.validation import FloatArray
 
 
@@ -27,7 +27,7 @@ def reach(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
             from scso_nlp.exceptions import ProblemError
             from scso_nlp.run import describe, extract
             from scso_nlp.settings import read_settings
-            from scso_nlp.solve.reach import critical_q, reachable_stability
+            from scso_nlp.solver.reach import critical_q, reachable_stability
 
         settings, where = read_settings(source, changes)
         if settings.stability is None:

@@ -30,7 +30,7 @@ from scso_nlp.examples import example_folder
 from scso_nlp.opensim import crew
 from scso_nlp.opensim.setup_xml import check_document, read_xml
 from scso_nlp.settings import read_settings
-from scso_nlp.solve import ipopt
+from scso_nlp.solver import ipopt
 
 LONG = "a" * 300
 NINES = "9" * 400

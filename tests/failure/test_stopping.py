@@ -18,7 +18,7 @@ import pytest
 from helpers import elbow
 
 import scso_nlp as scso
-import scso_nlp.solve.programs as programs
+import scso_nlp.solver.programs as programs
 from scso_nlp.examples import example_folder
 from scso_nlp.exceptions import EngineError
 from scso_nlp.opensim import crew
@@ -31,7 +31,7 @@ SIGNALS = {} if os.name != "posix" else {signal.SIGINT: 130, signal.SIGTERM: 143
 #: Lets IPOPT work on Rosenbrock's chain, which takes it a minute, and says when it begins.
 SLOW_SOLVER = """
 import casadi as ca, numpy as np
-import scso_nlp.solve.programs as programs
+import scso_nlp.solver.programs as programs
 
 class Slow:
     def __init__(self, nlp):

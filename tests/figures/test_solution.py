@@ -13,7 +13,7 @@ from solution_by_hand import antagonists, solution_by_hand
 
 from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.figures import HorizontalAxis, plot_activations, plot_moments, plot_stability
-from scso_nlp.solve import observe
+from scso_nlp.solver import observe
 
 
 def lines(panel):

@@ -12,7 +12,7 @@ from tiny_model import SLIDE_PER_RADIAN, Tiny, ask_opensim, setup_text, write_mo
 from scso_nlp.io.storage import read_storage
 from scso_nlp.methods import static_optimization
 from scso_nlp.opensim.engine import load_motion
-from scso_nlp.solve import solve_framewise
+from scso_nlp.solver import solve_framewise
 
 pytestmark = pytest.mark.opensim
 

@@ -15,7 +15,7 @@ from scso_nlp.exceptions import DataError, NameMismatchError
 from scso_nlp.methods import static_optimization
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.solution import Solution
-from scso_nlp.solve import solve_framewise
+from scso_nlp.solver import solve_framewise
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
 from scso_nlp.trajectory import CoordinateCurvature, MotionTrajectory
 

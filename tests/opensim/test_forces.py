@@ -13,7 +13,7 @@ from scso_nlp.io.storage import read_storage
 from scso_nlp.methods import stability_constrained_static_optimization, static_optimization
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.report.results import write_solution
-from scso_nlp.solve import solve_framewise
+from scso_nlp.solver import solve_framewise
 
 pytestmark = pytest.mark.opensim
 

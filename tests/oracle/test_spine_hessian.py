@@ -14,7 +14,7 @@ from conic_oracle import hessian_by_hand, smallest_eigenvalue, solve_full_frame
 import scso_nlp as scso
 from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.examples import example_folder
-from scso_nlp.solve.reach import reachable_stability
+from scso_nlp.solver.reach import reachable_stability
 from scso_nlp.stability.passive import LumbarJoint, lumbar_passive_stiffness
 
 pytestmark = pytest.mark.opensim

@@ -1,6 +1,6 @@
 """Steps of a primal-dual interior-point method for all frames at once, as batched arrays.
 
-What the frames are, and what their answers mean, is in :mod:`scso_nlp.solve.conic`.
+What the frames are, and what their answers mean, is in :mod:`scso_nlp.solver.conic`.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from scso_nlp.solution import InfeasibilityProof, MatrixResult, RowResult, Shortfall
-from scso_nlp.solve.affine_system import affine_system, row_sizes
+from scso_nlp.solver.affine_system import affine_system, row_sizes
 from scso_nlp.stability.hessian import describe_turn
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import frame_blocks

@@ -13,12 +13,12 @@ import numpy as np
 
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution, Status
-from scso_nlp.solve.feasibility import Impossible, contradiction, least_effort, out_of_reach
-from scso_nlp.solve.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
-from scso_nlp.solve.judge import Outcome, unknowns_of
-from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solve.presolve import Start, presolve
-from scso_nlp.solve.relative import QuadraticPrograms, may_be_convex
+from scso_nlp.solver.feasibility import Impossible, contradiction, least_effort, out_of_reach
+from scso_nlp.solver.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
+from scso_nlp.solver.judge import Outcome, unknowns_of
+from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solver.presolve import Start, presolve
+from scso_nlp.solver.relative import QuadraticPrograms, may_be_convex
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import evaluate

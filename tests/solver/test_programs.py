@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import random_problem
 
-from scso_nlp.solve.programs import frame_weights
+from scso_nlp.solver.programs import frame_weights
 from scso_nlp.transcription.describe import describe
 
 

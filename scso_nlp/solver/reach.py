@@ -18,10 +18,10 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution
-from scso_nlp.solve.conic import highest_eigenvalues
-from scso_nlp.solve.local_model import LocalModel, local_model
-from scso_nlp.solve.threads import one_thread
-from scso_nlp.solve.verbs import solve_framewise
+from scso_nlp.solver.conic import highest_eigenvalues
+from scso_nlp.solver.local_model import LocalModel, local_model
+from scso_nlp.solver.threads import one_thread
+from scso_nlp.solver.verbs import solve_framewise
 from scso_nlp.stability.hessian import describe_turn, smallest_eigenvalues
 from scso_nlp.transcription.describe import describe
 from scso_nlp.validation import BoolArray, FloatArray

@@ -26,9 +26,9 @@ from scso_nlp.solution import (
     StabilityMargin,
     Status,
 )
-from scso_nlp.solve.feasibility import FEASIBILITY_TOLERANCE, Impossible, contradiction, worst_rows
-from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.feasibility import FEASIBILITY_TOLERANCE, Impossible, contradiction, worst_rows
+from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.stability.hessian import smallest_eigenvalues
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.layout import PROBLEM

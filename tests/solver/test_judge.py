@@ -10,7 +10,7 @@ from helpers import elbow, random_problem
 
 import scso_nlp as scso
 from scso_nlp.solution import SolveReport, Status
-from scso_nlp.solve.judge import Outcome, judge
+from scso_nlp.solver.judge import Outcome, judge
 from scso_nlp.transcription.describe import describe
 
 REPORT = SolveReport(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import qr
 
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import frame_blocks
 from scso_nlp.validation import BoolArray, FloatArray

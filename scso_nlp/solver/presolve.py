@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import daqp
 import numpy as np
 
-from scso_nlp.solve.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import Derivatives, Key, curved, second_order
 from scso_nlp.transcription.turns import part_of

@@ -23,7 +23,7 @@ from scipy.optimize import linprog
 import scso_nlp as scso
 from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.muscle_models.stiffness_law import ShortRangeStiffness
-from scso_nlp.solve.reach import reachable_stability
+from scso_nlp.solver.reach import reachable_stability
 from scso_nlp.stability.hessian import describe_turn
 
 

@@ -16,15 +16,15 @@ from scso_nlp.exceptions import CouplingError, ProblemError
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
-from scso_nlp.solve.baseline import start_of_baseline
-from scso_nlp.solve.ipopt import SolverOptions
-from scso_nlp.solve.judge import Outcome, judge
-from scso_nlp.solve.local_model import local_model
-from scso_nlp.solve.presolve import can_presolve
-from scso_nlp.solve.programs import Effort, solve_rows, starting_point
-from scso_nlp.solve.redundant import without_redundant_rows
-from scso_nlp.solve.refine import Turns, foreseen_turns, more_turns, still_known
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.baseline import start_of_baseline
+from scso_nlp.solver.ipopt import SolverOptions
+from scso_nlp.solver.judge import Outcome, judge
+from scso_nlp.solver.local_model import local_model
+from scso_nlp.solver.presolve import can_presolve
+from scso_nlp.solver.programs import Effort, solve_rows, starting_point
+from scso_nlp.solver.redundant import without_redundant_rows
+from scso_nlp.solver.refine import Turns, foreseen_turns, more_turns, still_known
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.turns import matrix_models, with_turns
 from scso_nlp.validation import FloatArray

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scso_nlp.solve.conic import MatrixProgram
+from scso_nlp.solver.conic import MatrixProgram
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import Derivatives, curved, first_order, second_order
 from scso_nlp.transcription.turns import MatrixModel, matrix_models, part_of

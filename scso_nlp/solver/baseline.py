@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from scso_nlp.solution import RowResult, Solution, Status
-from scso_nlp.solve.judge import unknowns_of
-from scso_nlp.solve.presolve import Start
+from scso_nlp.solver.judge import unknowns_of
+from scso_nlp.solver.presolve import Start
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.rows import RowBlock
 from scso_nlp.validation import BoolArray, FloatArray

@@ -1,7 +1,7 @@
 """A small conic solver in NumPy: quadratic programs with one matrix inequality each.
 
-All frames take their interior-point steps together, see :mod:`scso_nlp.solve.interior_point`. The answers
-are used only to choose rows, see :mod:`scso_nlp.solve.refine`, and to say what is out of reach.
+All frames take their interior-point steps together, see :mod:`scso_nlp.solver.interior_point`. The answers
+are used only to choose rows, see :mod:`scso_nlp.solver.refine`, and to say what is out of reach.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from scso_nlp.solve.interior_point import (
+from scso_nlp.solver.interior_point import (
     Frames,
     absorbed,
     first_point,

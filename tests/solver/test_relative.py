@@ -1,6 +1,6 @@
 """Where IPOPT starts coupled and curved programs: quadratic programs over all their frames.
 
-Seeded and few by default; ``SCSO_ROBUSTNESS=300 pytest tests/solve/test_relative.py`` tries more.
+Seeded and few by default; ``SCSO_ROBUSTNESS=300 pytest tests/solver/test_relative.py`` tries more.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from coupled_terms import RateLimit, Smoothness, WeightedDrift
 from helpers import random_problem
 
 import scso_nlp as scso
-from scso_nlp.solve.programs import starting_point
-from scso_nlp.solve.relative import QuadraticPrograms
+from scso_nlp.solver.programs import starting_point
+from scso_nlp.solver.relative import QuadraticPrograms
 from scso_nlp.transcription.build import FrameScale, build_nlp
 from scso_nlp.transcription.describe import describe
 

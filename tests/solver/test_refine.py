@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from conic_oracle import hessian_problem, solve_conic
 
-from scso_nlp.solve.conic import MatrixProgram, solve_matrix_programs
-from scso_nlp.solve.local_model import local_model
-from scso_nlp.solve.refine import critical_turns
+from scso_nlp.solver.conic import MatrixProgram, solve_matrix_programs
+from scso_nlp.solver.local_model import local_model
+from scso_nlp.solver.refine import critical_turns
 from scso_nlp.transcription.describe import describe
 
 #: Both solvers stop at about 1e-10 of a unit problem; an unknown of a degenerate frame is known to about

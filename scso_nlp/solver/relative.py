@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.build import Nlp
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.validation import FloatArray

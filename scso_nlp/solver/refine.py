@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scso_nlp.solution import Status
-from scso_nlp.solve.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
-from scso_nlp.solve.cut import allowed_below_zero, cut, sums_and_differences
-from scso_nlp.solve.judge import Outcome
-from scso_nlp.solve.local_model import LocalModel, Quadratic
-from scso_nlp.solve.presolve import Start, can_presolve
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.conic import MatrixProgram, highest_eigenvalues, solve_matrix_programs
+from scso_nlp.solver.cut import allowed_below_zero, cut, sums_and_differences
+from scso_nlp.solver.judge import Outcome
+from scso_nlp.solver.local_model import LocalModel, Quadratic
+from scso_nlp.solver.presolve import Start, can_presolve
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.turns import MatrixModel
 from scso_nlp.validation import BoolArray, FloatArray, IntArray

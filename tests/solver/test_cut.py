@@ -9,9 +9,9 @@ import pytest
 from conic_oracle import hessian_problem, highest_eigenvalue, solve_full_frame
 
 import scso_nlp as scso
-from scso_nlp.solve.cut import cut, sums_and_differences
-from scso_nlp.solve.local_model import local_model
-from scso_nlp.solve.programs import starting_point
+from scso_nlp.solver.cut import cut, sums_and_differences
+from scso_nlp.solver.local_model import local_model
+from scso_nlp.solver.programs import starting_point
 from scso_nlp.transcription.describe import describe
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import EngineError, ProblemError
 from scso_nlp.solution import Status
-from scso_nlp.solve.threads import one_thread
+from scso_nlp.solver.threads import one_thread
 from scso_nlp.text import shown
 from scso_nlp.transcription.build import Nlp
 from scso_nlp.validation import FloatArray

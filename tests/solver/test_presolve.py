@@ -12,8 +12,8 @@ from coupled_terms import CappedEffort, RateLimit
 from helpers import elbow, random_problem, two_antagonists
 
 import scso_nlp as scso
-from scso_nlp.solve.presolve import presolve
-from scso_nlp.solve.programs import starting_point
+from scso_nlp.solver.presolve import presolve
+from scso_nlp.solver.programs import starting_point
 from scso_nlp.transcription.describe import describe
 
 COLD = scso.SolverOptions(presolve=False, tolerance=1e-12)

@@ -1,9 +1,0 @@
-"""Solving: two verbs, programs for IPOPT, rows for matrix inequalities, and the judge of what comes out."""
-
-from scso_nlp.solve.ipopt import SolverOptions as SolverOptions
-from scso_nlp.solve.judge import observe as observe
-from scso_nlp.solve.reach import Reach as Reach
-from scso_nlp.solve.reach import critical_q as critical_q
-from scso_nlp.solve.reach import reachable_stability as reachable_stability
-from scso_nlp.solve.verbs import solve_framewise as solve_framewise
-from scso_nlp.solve.verbs import solve_trajectory as solve_trajectory
