@@ -37,6 +37,7 @@ LAYERS = (
     "text",
     "files",
     "signals",
+    "versions",
     "validation",
     "arguments",
     "trajectory",
@@ -64,6 +65,7 @@ LAYERS = (
     "settings",
     "run",
     "cli",
+    "__main__",
 )
 
 #: The one package that may import OpenSim; it runs in processes of its own.
@@ -85,6 +87,7 @@ WITHOUT_CASADI = (
     "scso_nlp.text",
     "scso_nlp.files",
     "scso_nlp.signals",
+    "scso_nlp.versions",
     "scso_nlp.validation",
     "scso_nlp.trajectory",
     "scso_nlp.muscles",

@@ -1,5 +1,7 @@
 """The command line: one file per command. Each command imports what it needs only when it runs."""
 
+from typing import Annotated
+
 import typer
 
 from scso_nlp.cli.compare import compare
@@ -8,6 +10,7 @@ from scso_nlp.cli.init import init
 from scso_nlp.cli.reach import reach
 from scso_nlp.cli.report import report
 from scso_nlp.cli.run import run
+from scso_nlp.versions import versions
 
 __all__ = ["app"]
 
@@ -15,9 +18,26 @@ app = typer.Typer(
     name="scso",
     help="Muscle forces with mechanically stable joints, from OpenSim models and motions.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _version(asked: bool) -> None:
+    """Print the package's version and those of what it stands on."""
+    if asked:
+        typer.echo("\n".join(f"{name} {version}" for name, version in versions().items()))
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and end.")
+    ] = False,
+) -> None:
+    """Take the options that stand before a command."""
+
+
 for _command in (run, init, example, compare, report, reach):
     app.command()(_command)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import importlib.metadata
 import json
 import logging
 import os
@@ -37,6 +36,7 @@ from scso_nlp.opensim.setup_xml import (
     with_changes,
 )
 from scso_nlp.opensim.worker.exchange import Job
+from scso_nlp.versions import version_of
 
 logger = logging.getLogger("scso_nlp")
 
@@ -203,18 +203,17 @@ def opensim_version() -> str:
     EngineError
         It is not installed.
     """
-    try:
-        return importlib.metadata.version("opensim")
-    except importlib.metadata.PackageNotFoundError:
+    if (version := version_of("opensim")) is None:
         raise EngineError(
             "OpenSim is not installed in this environment: pip install opensim (Python 3.11 to 3.13 on "
             "Linux x86-64 or Windows), or solve from a bundle"
-        ) from None
+        )
+    return version
 
 
 def _provenance(checked: CheckedInput, inputs: Mapping[str, str]) -> Provenance:
     return Provenance(
-        package_version=_package_version(),
+        package_version=version_of("scso_nlp") or "",
         opensim_version=opensim_version(),
         inputs=inputs,
         settings=_settings(checked),
@@ -231,13 +230,6 @@ def _input_files(motion: MotionInput) -> list[Path]:
     for path in (motion.model, *motion.actuators):
         paths += named_files(path)
     return paths
-
-
-def _package_version() -> str:
-    try:
-        return importlib.metadata.version("scso_nlp")
-    except importlib.metadata.PackageNotFoundError:
-        return ""
 
 
 def _key(provenance: Provenance) -> str:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-import importlib.metadata
 import logging
-import platform
 import time
 from dataclasses import asdict, replace
 
@@ -28,6 +25,7 @@ from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram, describe
 from scso_nlp.transcription.turns import matrix_models, with_turns
 from scso_nlp.validation import FloatArray
+from scso_nlp.versions import versions
 
 _LOG = logging.getLogger("scso_nlp")
 
@@ -255,20 +253,3 @@ def _gentler(problem: MuscleForceProblem) -> MuscleForceProblem | None:
         return None
     changed = tuple(new or old for new, old in zip(terms, problem.objectives, strict=True))
     return replace(problem, objectives=changed)
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package and of what it stands on."""
-    return dict(_versions())
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    names = ("scso_nlp", "casadi", "numpy", "scipy", "opensim")
-    found = {"python": platform.python_version()}
-    for name in names:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
