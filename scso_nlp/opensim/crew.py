@@ -27,7 +27,17 @@ from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.files import lock
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.opensim.worker.exchange import LOAD_DATA, Job, Result, log_file, read_result, write_job
+from scso_nlp.opensim.worker.exchange import (
+    LOAD_DATA,
+    Job,
+    Request,
+    Result,
+    log_file,
+    read_header,
+    read_result,
+    write_job,
+    write_request,
+)
 from scso_nlp.signals import undisturbed
 
 logger = logging.getLogger("scso_nlp")
@@ -91,13 +101,41 @@ def extract(
     EngineError
         OpenSim refused the input, a worker died, or there is no room for them or their temporary files.
     """
+    with _own_folder() as folder:
+        xml, data = external_loads or (None, None)
+        if data is not None:
+            write_storage(data, folder / LOAD_DATA)
+        write_job(folder, job, xml)
+        _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+        return read_result(folder, n_workers)
+
+
+def describe(request: Request) -> dict[str, Any]:
+    """Let a worker describe a model.
+
+    Raises
+    ------
+    ScsoError, EngineError
+        As for :func:`extract`.
+    """
+    with _own_folder() as folder:
+        write_request(folder, request)
+        _Crew(folder, 1).work(progress=False)
+        return read_header(folder, 0)
+
+
+@contextlib.contextmanager
+def _own_folder() -> Iterator[Path]:
+    """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
+    folder, descriptors = None, []
     try:
-        with _own_folder() as folder:
-            xml, data = external_loads or (None, None)
-            if data is not None:
-                write_storage(data, folder / LOAD_DATA)
-            write_job(folder, job, xml)
-            return _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
+        _remove_orphans()
+        # another run may take it for an orphan before it is locked
+        while folder is None or not folder.is_dir():
+            folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
+            with contextlib.suppress(OSError):
+                descriptors.append(lock(folder, wait=True))
+        yield folder
     except BrokenPipeError:
         # of a progress bar that nobody reads any more
         raise
@@ -106,20 +144,6 @@ def extract(
             f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
             "stand where TMPDIR says)"
         ) from None
-
-
-@contextlib.contextmanager
-def _own_folder() -> Iterator[Path]:
-    """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
-    _remove_orphans()
-    folder, descriptors = None, []
-    try:
-        # another run may take it for an orphan before it is locked
-        while folder is None or not folder.is_dir():
-            folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
-            with contextlib.suppress(OSError):
-                descriptors.append(lock(folder, wait=True))
-        yield folder
     finally:
         with undisturbed():
             if folder is not None:
@@ -169,7 +193,7 @@ class _Crew:
         self.shares = [0] * n_workers
         self.messages: queue.SimpleQueue[tuple[int, dict[str, Any] | None]] = queue.SimpleQueue()
 
-    def work(self, progress: bool) -> Result:
+    def work(self, progress: bool) -> None:
         """Run all workers to their end; whatever goes wrong, none is left behind."""
         crew: list[subprocess.Popen[str]] = []
         readers: list[threading.Thread] = []
@@ -190,7 +214,6 @@ class _Crew:
                     if stream is not None:
                         stream.close()
             self._pass_log_on()
-        return read_result(self.folder, self.n_workers)
 
     def _listen(self, part: int, stream: IO[str] | None) -> None:
         assert stream is not None

@@ -45,16 +45,22 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
-    """One extraction, the same for all of its workers."""
+class Request:
+    """A model to be described; with a motion it is a :class:`Job`."""
 
     settings: Mapping[str, Any]  # the fields of MotionInput, paths as text
+    inputs: Mapping[str, str]  # SHA-256 of the files that the workers read, by path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job(Request):
+    """One extraction, the same for all of its workers."""
+
     motion: Table  # coordinates or states, filtered
     recorded: FloatArray | None  # (n_recorded, 1 + n_columns), times and columns before the filter, if any
     rows: IntArray  # of the motion, to analyze
     unusable: Mapping[str, str]  # columns of the motion that are not finite everywhere, and where not
     speeds: Table | None  # at the times of the motion
-    inputs: Mapping[str, str]  # SHA-256 of the files that the workers read, by path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +79,18 @@ class Result:
 def log_file(folder: Path, part: int) -> Path:
     """Return the file of whatever OpenSim prints in one worker."""
     return folder / f"log_{part}.txt"
+
+
+def write_request(folder: Path, request: Request) -> None:
+    """Write a request for a description into an empty folder."""
+    content = {"settings": dict(request.settings), "inputs": dict(request.inputs)}
+    (folder / JOB).write_text(json.dumps(content), encoding="utf-8")
+
+
+def read_request(folder: Path) -> Request:
+    """Read what :func:`write_request` or :func:`write_job` wrote."""
+    content = json.loads((folder / JOB).read_text(encoding="utf-8"))
+    return read_job(folder) if "rows" in content else Request(**content)
 
 
 def write_job(folder: Path, job: Job, external_loads: str | None) -> None:
@@ -127,9 +145,15 @@ def joined(frames: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]
     return {name: _joined(name, [frame[name] for frame in frames]) for name in frames[0]}
 
 
-def write_header(folder: Path, part: int, header: dict[str, dict[str, Any]]) -> None:
+def write_header(folder: Path, part: int, header: dict[str, Any]) -> None:
     """Write the names and constants that one worker found, after its frames."""
     (folder / f"header_{part}.json").write_text(json.dumps(header), encoding="utf-8")
+
+
+def read_header(folder: Path, part: int) -> dict[str, Any]:
+    """Read what :func:`write_header` wrote."""
+    header: dict[str, Any] = json.loads((folder / f"header_{part}.json").read_text(encoding="utf-8"))
+    return header
 
 
 def read_result(folder: Path, parts: int) -> Result:
@@ -142,8 +166,7 @@ def read_result(folder: Path, parts: int) -> Result:
             paths = [folder / f"frames_{part}_{block}.npz" for block in range(own)]
             blocks += [stack.enter_context(np.load(path, allow_pickle=False)) for path in paths]
             if own:
-                header = (folder / f"header_{part}.json").read_text(encoding="utf-8")
-                headers.append(json.loads(header))
+                headers.append(read_header(folder, part))
         arrays = {name: _joined(name, [block[name] for block in blocks]) for name in blocks[0].files}
     for array in arrays.values():
         array.flags.writeable = False

@@ -9,6 +9,7 @@ import numpy as np
 import opensim as osim
 from numpy.typing import NDArray
 
+from scso_nlp.exceptions import DataError
 from scso_nlp.files import refuse_changed
 from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
@@ -45,6 +46,8 @@ class Extraction:
         finally:
             # OpenSim has read all files by now; what it says of one that was half written is beside the point
             refuse_changed(job.inputs)
+        if not self._model.forces.muscles and not self._model.forces.actuators:
+            raise DataError("the model has no muscle or actuator that applies force, expected at least one")
         self._kinematics = assembled(job, self._model, read_kinematics(job, self._model))
         self._poses = Poses(
             self._model, self._kinematics, keep_coupled_speeds=settings["keep_coupled_speeds"]
@@ -165,7 +168,7 @@ class Extraction:
                 "muscles": muscles["muscles"],
                 "actuators": actuators["actuators"],
                 "coordinates": [coordinates.names[k] for k in elimination.free],
-                "base_coordinates": self._base_coordinates(),
+                "base_coordinates": model.base_coordinates(elimination.free),
                 "is_rotational": coordinates.is_rotational[elimination.free].tolist(),
                 "force_columns": forces.columns,
                 "other_force_labels": forces.record_labels,
@@ -191,21 +194,6 @@ class Extraction:
         if self._derivatives is not None:
             header["curvature"] = {"coordinates": self._derivatives.names}
         return header
-
-    def _base_coordinates(self) -> list[str]:
-        """Name the free coordinates of joints that may both turn and shift against ground."""
-        model, coordinates = self._model, self._model.coordinates
-        free = self._poses.elimination.free
-        owners = [coordinates.items[k].getJoint().getAbsolutePathString() for k in free]
-        is_angle = coordinates.is_rotational[free]
-        floating = {
-            path
-            for path, inboard in zip(model.joints.paths, model.joints.inboard, strict=True)
-            if model.bodies.is_fixed(inboard)
-            and {bool(angle) for owner, angle in zip(owners, is_angle, strict=True) if owner == path}
-            == {False, True}
-        }
-        return [coordinates.names[k] for k, owner in zip(free, owners, strict=True) if owner in floating]
 
     def _notes(self) -> list[Note]:
         """Return what the user should know about columns, forces and coordinates that are left out."""

@@ -36,7 +36,7 @@ def read_forces(model: osim.Model, state: osim.State, used: Collection[str]) -> 
     Raises
     ------
     DataError
-        Neither muscle nor actuator, or an actuator that is not a scalar one.
+        An actuator that is not a scalar one.
     NameMismatchError
         A name that no muscle or actuator outside the ForceSet has, or that it shares with an unknown.
     """
@@ -75,8 +75,6 @@ def read_forces(model: osim.Model, state: osim.State, used: Collection[str]) -> 
             f"the actuator {not_scalar[0]} is not a scalar actuator, which OpenSim's static optimization "
             "refuses too"
         )
-    if not forces.muscles and not forces.actuators:
-        raise DataError("the model has no muscle or actuator that applies force, expected at least one")
     return forces
 
 

@@ -13,7 +13,7 @@ from scso_nlp.opensim.worker.coordinates import read_coordinates
 from scso_nlp.opensim.worker.forces import read_forces, take_off_actuators
 from scso_nlp.opensim.worker.paths import CurrentPaths, PathForces, read_path
 from scso_nlp.opensim.worker.skeleton import Joints, Loads
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, IntArray
 
 
 class Model:
@@ -63,6 +63,20 @@ class Model:
         joints = self.joints.at(self.state, rotations, origins).centers
         points = np.concatenate([centers[1:], joints])
         return float(np.linalg.norm(points[:, None] - points, axis=2).max(initial=0.0))
+
+    def base_coordinates(self, free: IntArray) -> list[str]:
+        """Name those of the free coordinates that let joints both turn and shift against ground."""
+        coordinates = self.coordinates
+        owners = [coordinates.items[k].getJoint().getAbsolutePathString() for k in free]
+        is_angle = coordinates.is_rotational[free]
+        floating = {
+            path
+            for path, inboard in zip(self.joints.paths, self.joints.inboard, strict=True)
+            if self.bodies.is_fixed(inboard)
+            and {bool(angle) for owner, angle in zip(owners, is_angle, strict=True) if owner == path}
+            == {False, True}
+        }
+        return [coordinates.names[k] for k, owner in zip(free, owners, strict=True) if owner in floating]
 
     def constraint_matrix(self, state: osim.State) -> FloatArray:
         """Return the matrix of the velocity constraints, shape (n_constraints, n_u)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +70,11 @@ def path_bodies(geometry: osim.GeometryPath, bodies: Bodies) -> set[int]:
     points, wraps = _every(geometry.getPathPointSet()), _every(geometry.getWrapSet())
     frames = [point.getParentFrame() for point in points]
     return {bodies.of(frame) for frame in (*frames, *(wrap.getWrapObject().getFrame() for wrap in wraps))}
+
+
+def crosses(geometry: osim.GeometryPath, bodies: Bodies, distal: Collection[int]) -> bool:
+    """Tell whether a path may touch bodies both among some and beside them, such as those behind a joint."""
+    return len({body in distal for body in path_bodies(geometry, bodies)}) == 2
 
 
 class CurrentPaths:

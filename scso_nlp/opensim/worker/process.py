@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.opensim.worker.exchange import Job, log_file, read_job, write_frames, write_header
+from scso_nlp.opensim.worker.exchange import (
+    Job,
+    Request,
+    log_file,
+    read_request,
+    write_frames,
+    write_header,
+)
 
 #: So much of what OpenSim says when it refuses something is passed on.
 MOST_CHARACTERS = 200
@@ -35,15 +42,18 @@ def main(arguments: list[str]) -> int:
     parent = _talk_to_parent_only(log_file(folder, part))
     _end_with_parent(folder)
     try:
-        job = read_job(folder)
-        work(job, folder, part, parts, parent)
+        request = read_request(folder)
+        if isinstance(request, Job):
+            work(request, folder, part, parts, parent)
+        else:
+            describe(request, folder, part)
         tell(parent, done=True)
     except ScsoError as error:
-        tell(parent, error=type(error).__name__, message=_with_file(str(error), job))
+        tell(parent, error=type(error).__name__, message=_with_file(str(error), request))
         return 2
     # what OpenSim throws
     except RuntimeError as error:
-        tell(parent, error=EngineError.__name__, message=_plain(str(error), job))
+        tell(parent, error=EngineError.__name__, message=_plain(str(error), request))
         return 3
     except BrokenPipeError:
         # the thread that watches the parent ends this process
@@ -83,6 +93,13 @@ def work(job: Job, folder: Path, part: int, parts: int, parent: TextIO) -> None:
     write_header(folder, part, header)
 
 
+def describe(request: Request, folder: Path, part: int) -> None:
+    """Write what a model holds."""
+    from scso_nlp.opensim.worker.description import describe_model
+
+    write_header(folder, part, describe_model(request))
+
+
 def tell(parent: TextIO, **message: object) -> None:
     """Send one message: a JSON object on a line."""
     parent.write(json.dumps(message) + "\n")
@@ -100,11 +117,11 @@ def _talk_to_parent_only(log: Path) -> TextIO:
     return parent
 
 
-def _with_file(message: str, job: Job) -> str:
+def _with_file(message: str, request: Request) -> str:
     """Begin a message with the model's file, unless it names a file already."""
-    settings = [value for value in job.settings.values() if isinstance(value, str)]
-    files = [os.path.basename(path) for path in (*settings, *job.inputs)]
-    model = os.path.basename(job.settings["model"])
+    settings = [value for value in request.settings.values() if isinstance(value, str)]
+    files = [os.path.basename(path) for path in (*settings, *request.inputs)]
+    model = os.path.basename(request.settings["model"])
     return message if any(file and file in message for file in files) else f"{model}: {message}"
 
 
@@ -120,7 +137,7 @@ def _end_with_parent(folder: Path) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _plain(message: str, job: Job) -> str:
+def _plain(message: str, request: Request) -> str:
     """Turn an exception text of OpenSim into one sentence."""
     text = re.sub(r"^std::exception in '.*?': ", "", message.strip(), flags=re.DOTALL)
     text = re.sub(r"\s*Thrown at [^\n]*", "", text)
@@ -134,7 +151,7 @@ def _plain(message: str, job: Job) -> str:
     text = re.sub(r"\.\s*\(", " (", text)
     text = re.sub(r"\. (?=[A-Z])", "; ", text)
     text = textwrap.shorten(text, MOST_CHARACTERS, placeholder=" ...")
-    name = os.path.basename(job.settings["model"])
+    name = os.path.basename(request.settings["model"])
     return f"OpenSim refused {name}: {text or 'no reason given'}"
 
 

@@ -13,7 +13,7 @@ from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.opensim.worker.bodies import cross_matrices, rotation
 from scso_nlp.opensim.worker.coordinates import state_variables
 from scso_nlp.opensim.worker.model import Model
-from scso_nlp.opensim.worker.paths import PathForces, path_bodies
+from scso_nlp.opensim.worker.paths import PathForces, crosses
 from scso_nlp.opensim.worker.sliding import TurnedPaths, sliding_curvature
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -109,7 +109,7 @@ class VirtualRotations:
             sliding, is_known = sliding_curvature(paths, surfaces, directions)
             unknown[c][:, crossing.crossing] = ~is_known
             place = slice(None), np.array(own)[:, None], crossing.crossing
-            arms[place] = _moment_arms(paths, directions)
+            arms[place] = turned_moment_arms(paths, directions)
             curvature[place] = _staying_curvature(paths, directions) + sliding
         joints = [crossing.joint for crossing in self._crossings]
         for f in np.flatnonzero(unknown.any(axis=(0, 2))).tolist():
@@ -222,7 +222,7 @@ def _place(state: osim.State, coordinate: osim.Coordinate) -> int:
     return int(place)
 
 
-def _moment_arms(paths: TurnedPaths, axes: FloatArray) -> FloatArray:
+def turned_moment_arms(paths: TurnedPaths, axes: FloatArray) -> FloatArray:
     """Return moment arms of paths about unit axes, (n_frames, n, 3): shape (n_frames, n, n_paths) [m].
 
     With e from one point to the next, on another body, and x from the joint's center to where forces act:
@@ -277,8 +277,7 @@ def _crossing(model: Model, joint: int, rows: dict[int, int]) -> _Crossing:
     for m, path in enumerate(model.paths):
         if path.geometry is None or not path.moves:
             continue
-        sides = {body in distal for body in path_bodies(path.geometry, model.bodies)}
-        (crossing if len(sides) == 2 else beside).append(m)
+        (crossing if crosses(path.geometry, model.bodies, distal) else beside).append(m)
     return _Crossing(
         joint=joint,
         is_distal=np.isin(np.arange(len(model.bodies.names)), list(distal)),
