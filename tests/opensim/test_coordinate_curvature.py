@@ -96,6 +96,27 @@ def test_curvature_is_the_second_difference_of_opensims_path_lengths(
     assert curvature.asymmetry.max() < 1e-9, "moment arms without wraps are the gradient of a length"
 
 
+def test_legs_that_are_moved_at_once_are_as_each_alone(shared_data: Path) -> None:
+    """Wraps, couplers, loads on both feet: knees and ankles of both legs go two by two."""
+    setup = shared_data / "walking3d" / "setup_static_optimization.xml"
+
+    def curvature(*chosen: str) -> CoordinateCurvature:
+        return curvature_of(
+            load_motion(setup, final_time=0.55, processes=1, curvature_coordinates=chosen).trajectory
+        )
+
+    names = "knee_angle_r", "ankle_angle_r", "knee_angle_l", "ankle_angle_l"
+    together = curvature(*names)
+    for place in ([0, 1], [2, 3]):
+        alone, pairs = curvature(*(names[k] for k in place)), (slice(None), *np.ix_(place, place))
+        np.testing.assert_array_equal(together.path_curvature[pairs], alone.path_curvature)
+        np.testing.assert_allclose(together.load_stiffness[pairs], alone.load_stiffness, atol=1e-8)
+        others = pairs[0], np.array(place)[:, None], np.array([k for k in range(4) if k not in place])
+        assert not together.path_curvature[others].any()
+        assert not together.load_stiffness[others].any()
+    assert np.abs(together.load_stiffness).max() > 100
+
+
 def test_curvature_follows_a_coupler_that_is_not_linear(tiny: Tiny) -> None:
     edit(tiny, "<LinearFunction><coefficients>0.02 0</coefficients>\n      </LinearFunction>",
          "<PolynomialFunction><coefficients>0.05 0.02 0</coefficients></PolynomialFunction>")  # fmt: skip

@@ -54,7 +54,7 @@ class _NearbyBodies:
     """What follows from bodies at one point of the stencil."""
 
     arms: FloatArray  # (n_chosen, n_fixed) [m], of the muscles whose points are all fixed to bodies
-    loads: FloatArray  # (n_chosen,) [N·m], generalized forces of weights and external loads
+    loads: FloatArray  # (n_bodies, n_chosen) [N·m], generalized forces of its weight and loads, by body
     passive: FloatArray  # (n_chosen,) [N·m], of passive elements at rest
 
 
@@ -63,8 +63,9 @@ class CoordinateDerivatives:
 
     So dependent coordinates follow their constraints. Moment arms are OpenSim's own; only those of points
     fixed to bodies, along coordinates without splines, come from the bodies' poses and velocities, all
-    muscles together. Where a path changes its points or two steps disagree, the side or step without the
-    artefact is taken and the muscle is marked.
+    muscles together. Coordinates that move other bodies and other muscles, such as those of two legs, are
+    moved at once: what changes by which is known. Where a path changes its points or two steps disagree, the
+    side or step without the artefact is taken and the muscle is marked.
     """
 
     def __init__(
@@ -82,7 +83,8 @@ class CoordinateDerivatives:
         own = [followers[c] for c in self._columns]
         self._has_followers = [len(moved) > 1 for moved in own]
         self._smooth = [is_smooth(model, k, moved) for k, moved in zip(self._indices, own, strict=True)]
-        self._moved = sorted(moved_bodies(model, set().union(*own)))
+        self._moved = [moved_bodies(model, moved) for moved in own]
+        self._groups = self._apart(own)
         self._moves = np.array([path.moves for path in model.paths], dtype=bool)
         self._fixed = fixed_paths(model.paths)
         weights = np.array(model.opensim.getGravity().to_numpy())
@@ -105,17 +107,19 @@ class CoordinateDerivatives:
         is_uncertain = np.zeros(n_muscles, dtype=bool)
         base = moment_arms[self._columns]
         sizes = self._sizes(np.arange(n_muscles))
-        for j in range(n):
-            before, after = (self._bodies_at(center, j, sign * FINE_STEP) for sign in (-1, 1))
-            slopes[:, j, self._fixed.muscles] = (after.arms - before.arms) / (2 * FINE_STEP)
-            load_slopes[:, j] = -(after.loads - before.loads) / (2 * FINE_STEP)
-            passive_slopes[:, j] = -(after.passive - before.passive) / (2 * FINE_STEP)
-            muscles = np.flatnonzero(self._depends[:, j])
-            if self._smooth[j]:
-                muscles = muscles[self._moves[muscles]]
+        for group in self._groups:
+            before, after = (self._bodies_at(center, group, sign * FINE_STEP) for sign in (-1, 1))
+            of_bodies = -(after.loads - before.loads) / (2 * FINE_STEP)
+            for j in group:
+                slopes[:, j, self._fixed.muscles] = (after.arms - before.arms) / (2 * FINE_STEP)
+                load_slopes[:, j] = of_bodies[sorted(self._moved[j])].sum(axis=0)
+                passive_slopes[:, j] = -(after.passive - before.passive) / (2 * FINE_STEP)
+            own = {j: self._asked(j) for j in group}
+            muscles = np.concatenate(list(own.values()))
             if muscles.size:
                 middle = _NearbyPaths(arms=base[:, muscles], sizes=sizes[muscles])
-                slopes[:, j, muscles], doubtful = self._judge(center, j, muscles, middle)
+                found, doubtful = self._judge(center, group, muscles, middle)
+                slopes[:, np.repeat(list(own), [len(of) for of in own.values()]), muscles] = found
                 is_uncertain[muscles] |= doubtful
         # a muscle's own rows only: beyond wraps OpenSim has traces of moment arms that no length follows
         slopes *= self._depends.T[:, None, :] & self._depends.T[None, :, :]
@@ -128,15 +132,45 @@ class CoordinateDerivatives:
             "is_uncertain": is_uncertain,
         }
 
+    def _apart(self, followers: list[set[int]]) -> list[list[int]]:
+        """Group chosen coordinates that have no body, no muscle and no coordinate in common.
+
+        With passive elements, which may connect any bodies, each stands alone.
+        """
+        groups: list[list[int]] = []
+        for j, own in enumerate(followers):
+            free = (
+                group
+                for group in groups
+                if not self._model.forces.passives
+                and all(
+                    own.isdisjoint(followers[i])
+                    and self._moved[j].isdisjoint(self._moved[i])
+                    and not (self._depends[:, j] & self._depends[:, i]).any()
+                    for i in group
+                )
+            )
+            group = next(free, None)
+            if group is None:
+                groups.append([j])
+            else:
+                group.append(j)
+        return groups
+
+    def _asked(self, j: int) -> IntArray:
+        """Return the muscles whose moment arms OpenSim is asked for near chosen coordinate j."""
+        muscles = np.flatnonzero(self._depends[:, j])
+        return muscles[self._moves[muscles]] if self._smooth[j] else muscles
+
     def _judge(
-        self, center: _Center, j: int, muscles: IntArray, middle: _NearbyPaths
+        self, center: _Center, group: list[int], muscles: IntArray, middle: _NearbyPaths
     ) -> tuple[FloatArray, BoolArray]:
-        """Compare two steps on both sides of chosen coordinate j.
+        """Compare two steps on both sides of a group of chosen coordinates, each muscle with one of them.
 
         Return the better slopes of some muscles, shape (n_chosen, n), and which are uncertain, (n,).
         """
         near, far = (
-            [self._paths_at(center, j, sign * step, muscles) for sign in (-1, 1)]
+            [self._paths_at(center, group, sign * step, muscles) for sign in (-1, 1)]
             for step in (STEP, WIDE_STEP)
         )
         slopes = (near[1].arms - near[0].arms) / (2 * STEP)
@@ -158,7 +192,7 @@ class CoordinateDerivatives:
             slopes[:, alone] = one_sided[i][:, alone]
         neither = doubtful & ~clean[0] & ~clean[1]
         if neither.any():
-            widest = [self._paths_at(center, j, sign * WIDEST_STEP, muscles[neither]) for sign in (-1, 1)]
+            widest = [self._paths_at(center, group, sign * WIDEST_STEP, muscles[neither]) for sign in (-1, 1)]
             slopes[:, neither] = (widest[1].arms - widest[0].arms) / (2 * WIDEST_STEP)
         return slopes, doubtful
 
@@ -179,21 +213,22 @@ class CoordinateDerivatives:
         )
 
     @contextmanager
-    def _away(self, center: _Center, j: int, step: float) -> Iterator[FloatArray]:
-        """Move one chosen coordinate away from the center, dependent ones follow, and back again.
+    def _away(self, center: _Center, group: list[int], step: float) -> Iterator[FloatArray]:
+        """Move chosen coordinates away from the center, dependent ones follow, and back again.
 
         Give du over the speeds of the chosen coordinates there, shape (n_u, n_chosen): as in the center
         where no other coordinate follows.
         """
-        model, values, k = self._model, center.pose.values.copy(), self._indices[j]
-        values[k] += step
-        moved, coupling = [k], center.coupling
-        if self._has_followers[j]:
+        model, values, coupling = self._model, center.pose.values.copy(), center.coupling
+        moved = [self._indices[j] for j in group]
+        values[moved] += step
+        has_followers = any(self._has_followers[j] for j in group)
+        if has_followers:
             model.coordinates.follow(values)
             moved += self._elimination.gone.tolist()
         self._set_values(moved, values[moved])
         model.opensim.realizePosition(self._state)
-        if self._has_followers[j]:
+        if has_followers:
             self._close_loops(center)
             constraints = model.constraint_matrix(self._state)
             coupling = self._elimination.coupling(constraints, center.pose.time)[:, self._columns]
@@ -222,28 +257,30 @@ class CoordinateDerivatives:
                 f"the model's constraints cannot be kept near its pose at t = {state.getTime():.9g} s"
             )
 
-    def _paths_at(self, center: _Center, j: int, step: float, muscles: IntArray) -> _NearbyPaths:
+    def _paths_at(self, center: _Center, group: list[int], step: float, muscles: IntArray) -> _NearbyPaths:
         """Return OpenSim's moment arms of some muscles at a point of the stencil."""
-        with self._away(center, j, step) as coupling:
+        with self._away(center, group, step) as coupling:
             columns = self._model.path_forces.columns(self._state, muscles.tolist())
             return _NearbyPaths(arms=coupling.T @ columns, sizes=self._sizes(muscles))
 
-    def _bodies_at(self, center: _Center, j: int, step: float) -> _NearbyBodies:
+    def _bodies_at(self, center: _Center, group: list[int], step: float) -> _NearbyBodies:
         """Return what follows from the bodies' poses and velocities at a point of the stencil."""
         pose, loads, bodies, loaded = center.pose, center.loads, self._model.bodies, self._model.loads.bodies
-        with self._away(center, j, step) as coupling:
-            at = bodies.moving(self._state, self._moved, pose.rotations, pose.origins, coupling)
+        moved = sorted(set().union(*(self._moved[j] for j in group)))
+        with self._away(center, group, step) as coupling:
+            at = bodies.moving(self._state, moved, pose.rotations, pose.origins, coupling)
             center_arms = np.einsum("bij,bj->bi", at.rotations, bodies.mass_centers)
             load_arms = np.einsum("lij,lj->li", at.rotations[loaded], center.load_stations)
             every = np.arange(len(bodies.names))
-            weight = np.einsum("bi,bic->c", self._weights, at.point_velocities(every, center_arms))
-            load = np.einsum("li,lic->c", loads.forces, at.point_velocities(loaded, load_arms))
-            load += np.einsum("li,lic->c", loads.torques, at.angular_velocities[loaded])
+            weight = np.einsum("bi,bic->bc", self._weights, at.point_velocities(every, center_arms))
+            load = np.einsum("li,lic->lc", loads.forces, at.point_velocities(loaded, load_arms))
+            load += np.einsum("li,lic->lc", loads.torques, at.angular_velocities[loaded])
             passive = np.zeros(len(self._columns))
             if self._model.forces.passives:
                 at_rest = self._dynamics.inverse_dynamics(self._state, np.zeros(self._model.n_u))
-                passive = -coupling.T @ at_rest - weight
-            return _NearbyBodies(arms=self._fixed.moment_arms(at), loads=weight + load, passive=passive)
+                passive = -coupling.T @ at_rest - weight.sum(axis=0)
+            np.add.at(weight, loaded, load)
+            return _NearbyBodies(arms=self._fixed.moment_arms(at), loads=weight, passive=passive)
 
     def _sizes(self, muscles: IntArray) -> IntArray:
         sizes = np.zeros(len(muscles), dtype=np.int64)
