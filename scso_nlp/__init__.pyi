@@ -53,6 +53,7 @@ from .objectives.objective import FramePairObjective as FramePairObjective
 from .opensim.engine import load_motion as load_motion
 from .problem import MuscleForceProblem as MuscleForceProblem
 from .report.results import write_solution as write_solution
+from .run import solve as solve
 from .solution import InfeasibilityProof as InfeasibilityProof
 from .solution import MatrixResult as MatrixResult
 from .solution import MomentBalance as MomentBalance

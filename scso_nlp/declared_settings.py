@@ -291,6 +291,14 @@ SETTINGS = {setting.name: setting for setting in (
         "tendons, or strength alone; instead of muscle_physiology"),
     Setting("weights", WEIGHTS, PROBLEM, example='"volume"', default="1 for all",
         help="Weights of activations: the muscles' volumes or cross-sections, or by name or pattern"),
+    Setting("passive_elements", _one_of("taken_off", "left_in"), PROBLEM, example='"taken_off"',
+        default="taken_off", help="What springs, bushings, ligaments and limits of the model do: carried "
+        "by themselves (taken_off), as in OpenSim, or by muscles and actuators too (left_in)"),
+    Setting("activation_rate", _one_of("off", "first_order", "constant"), PROBLEM, example='"first_order"',
+        default="off", help="Let activations rise and fall no faster than the model's time constants allow: "
+        "as first-order dynamics does, or by constant bounds"),
+    Setting("activation_dynamics", FLAG, PROBLEM, example="false", default="false",
+        help="Let activations follow excitations by first-order dynamics with the model's time constants"),
     Setting("stability", _one_of("off", *STABILITY_METHODS), STABILITY, place="run.stability",
         example='"potvin-brown"', default="off", is_filled_in=True, help="Stability about joint axes "
         "(potvin-brown), along coordinates (diagonal), or of their whole Hessian (full)"),

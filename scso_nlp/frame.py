@@ -15,6 +15,7 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.validation import FloatArray
 
 
@@ -25,6 +26,11 @@ class Term:
     def name(self) -> str:
         """Name in reports: the term's label if it has one, or the name of its class."""
         return getattr(self, "label", "") or type(self).__name__
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """What is to be computed of a motion for the term; nothing more by default."""
+        return MotionNeeds()
 
     def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
         """Name unknowns that the term adds to every frame; none by default."""

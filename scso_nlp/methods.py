@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.joint_stability import JointStability
@@ -16,7 +18,12 @@ from scso_nlp.problem import MuscleForceProblem
 
 @checked
 def static_optimization(
-    motion: Motion, *, muscle_model: MuscleModel | None = None, exponent: float = 2.0
+    motion: Motion,
+    *,
+    muscle_model: MuscleModel | None = None,
+    exponent: float = 2.0,
+    weights: str | Mapping[str, float] | None = None,
+    passive_elements: Literal["taken_off", "left_in"] = "taken_off",
 ) -> MuscleForceProblem:
     """Describe static optimization as OpenSim defines it.
 
@@ -27,6 +34,10 @@ def static_optimization(
         ``RigidTendon(convention="opensim")`` by default.
     exponent : float [-]
         Power of the activations.
+    weights : None, "volume", "pcsa" or mapping of str to float
+        As for :class:`~scso_nlp.ActivationEffort`.
+    passive_elements : "taken_off" or "left_in"
+        As for :class:`~scso_nlp.MomentEquilibrium`.
 
     Returns
     -------
@@ -39,8 +50,8 @@ def static_optimization(
     return MuscleForceProblem(
         motion=motion,
         muscle_model=muscle_model or RigidTendon(),
-        objectives=(ActivationEffort(exponent=exponent),),
-        constraints=(MomentEquilibrium(),),
+        objectives=(ActivationEffort(exponent=exponent, weights=weights),),
+        constraints=(MomentEquilibrium(passive_elements=passive_elements),),
     )
 
 

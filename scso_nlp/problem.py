@@ -54,7 +54,7 @@ class MuscleForceProblem:
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
-        set_field(self, "objectives", tuple(_as_objective(term) for term in self.objectives))
+        set_field(self, "objectives", tuple(as_objective(term) for term in self.objectives))
         set_field(self, "constraints", tuple(self.constraints))
         kept = {term.name for term in self.constraints}
         set_field(self, "observed", tuple(t for t in self.observed if t.name not in kept))
@@ -118,7 +118,8 @@ class MuscleForceProblem:
         return "\n".join(lines)
 
 
-def _as_objective(term: object) -> FrameObjective | FramePairObjective:
+def as_objective(term: object) -> FrameObjective | FramePairObjective:
+    """Return an objective as it is, a function of a frame as one; raise ProblemError for all else."""
     if isinstance(term, FrameObjective | FramePairObjective):
         return term
     if callable(term):

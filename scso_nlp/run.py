@@ -1,28 +1,35 @@
-"""From settings to a solution and its files: what the command line does, for notebooks and scripts too."""
+"""From a setup or settings to a solution and its files: one call for scripts, notebooks and commands."""
 
 from __future__ import annotations
 
 import functools
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
 from scso_nlp.arguments import checked
-from scso_nlp.constraints.coordinate_stability import CoordinateStability
-from scso_nlp.constraints.hessian_stability import HessianStability
+from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
+from scso_nlp.frame import Frame
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
-from scso_nlp.objectives.activation_effort import ActivationEffort
-from scso_nlp.opensim.engine import load_with_hashes
+from scso_nlp.muscle_models.muscle_model import MuscleModel
+from scso_nlp.muscle_models.no_physiology import NoPhysiology
+from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
+from scso_nlp.opensim.engine import load_motion, load_with_hashes
 from scso_nlp.opensim.model_names import model_names
-from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, prepared_for, read_analyze_setup
+from scso_nlp.problem import MuscleForceProblem, as_objective
 from scso_nlp.report.record import RunRecord
 from scso_nlp.report.results import write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
+from scso_nlp.solver import SolverOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +61,106 @@ class RunResult:
     def verdict_lines(self) -> tuple[str, str]:
         """What the solution is worth, beside the same motion without stability rows."""
         return self.solution.verdict.lines(self.baseline.verdict if self.baseline else None)
+
+
+@checked
+def solve(
+    setup: str | os.PathLike[str] | AnalyzeSetup | MotionInput | Motion,
+    *,
+    stability: StabilityConstraint | None = None,
+    muscle_model: MuscleModel | None = None,
+    exponent: float | None = None,
+    weights: str | Mapping[str, float] | None = None,
+    passive_elements: Literal["taken_off", "left_in"] = "taken_off",
+    objectives: Iterable[FrameObjective | FramePairObjective | Callable[[Frame], Any]] = (),
+    constraints: Iterable[FrameConstraint | FramePairConstraint] = (),
+    solver: Literal["trajectory", "framewise"] = "trajectory",
+    options: SolverOptions | None = None,
+    on_failure: Literal["raise", "return"] = "raise",
+    processes: int | None = None,
+    cache: str | os.PathLike[str] | None = None,
+    progress: bool | None = None,
+) -> Solution:
+    """Find muscle forces in one call: read the motion with all that the terms need, and solve it.
+
+    Parameters
+    ----------
+    setup : path, AnalyzeSetup, MotionInput or Motion
+        An AnalyzeTool setup file, or a description of model and motion; or a motion that was loaded with
+        these terms in ``prepare_for``, see :func:`load_motion`.
+    stability : StabilityConstraint, optional
+        None: static optimization.
+    muscle_model : MuscleModel, optional
+        :class:`RigidTendon` by default, :class:`NoPhysiology` where a setup says so.
+    exponent : float, optional [-]
+        Power of the activations; by default the setup's, or 2.
+    weights : None, "volume", "pcsa" or mapping of str to float
+        Of the activations, as for :class:`ActivationEffort`.
+    passive_elements : "taken_off" or "left_in"
+        As for :class:`MomentEquilibrium`.
+    objectives : iterable of objectives or functions of a frame
+        Besides the effort of the activations.
+    constraints : iterable of constraints
+        Besides moment equilibrium and `stability`.
+    solver : "trajectory" or "framewise"
+        :func:`solve_trajectory` or :func:`solve_framewise`.
+    options : SolverOptions, optional
+    on_failure : "raise" or "return"
+        Whether a failed frame raises or is only marked in ``Solution.frame_status``.
+    processes, cache, progress
+        As for :func:`load_motion`.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    DataError, EngineError
+        Input that cannot be used, or OpenSim refused it.
+    NameMismatchError
+        Unknown joint, axis, muscle or row.
+    ProblemError
+        Contradictory description or options.
+    SolveFailed
+        Some frame was not solved; the exception carries the solution with its last iterate.
+
+    Examples
+    --------
+    >>> solution = scso.solve("setup.xml", stability=scso.JointStability(q=20, joints=["knee_r"]))
+    """
+    if isinstance(setup, str | os.PathLike):
+        setup = read_analyze_setup(setup)
+    if isinstance(setup, AnalyzeSetup):
+        exponent = setup.activation_exponent if exponent is None else exponent
+        if muscle_model is None and not setup.use_muscle_physiology:
+            muscle_model = NoPhysiology()
+        setup = setup.motion
+    further = tuple(map(as_objective, objectives))
+    constraints = (*((stability,) if stability else ()), *constraints)
+    if isinstance(setup, MotionInput):
+        check_names(setup, constraints, weights)
+        setup = load_motion(
+            setup,
+            prepare_for=(*((muscle_model,) if muscle_model else ()), *further, *constraints),
+            processes=processes,
+            cache=cache,
+            progress=progress,
+        )
+    plain = static_optimization(
+        setup,
+        muscle_model=muscle_model,
+        exponent=2.0 if exponent is None else exponent,
+        weights=weights,
+        passive_elements=passive_elements,
+    )
+    problem = replace(
+        plain,
+        objectives=(*plain.objectives, *further),
+        constraints=(*plain.constraints, *constraints),
+    )
+    found: Solution = SOLVERS[solver].thing(problem, options=options, on_failure=on_failure)
+    return found
 
 
 @checked
@@ -99,12 +206,20 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
 
 
-def check_names(settings: RunSettings) -> None:
+def check_names(
+    motion: MotionInput,
+    constraints: Iterable[object],
+    weights: str | Mapping[str, float] | None = None,
+) -> None:
     """Hold the names of muscles, joints and coordinates against the model's files, before OpenSim starts.
 
     Parameters
     ----------
-    settings : RunSettings
+    motion : MotionInput
+    constraints : iterable of terms
+        The stability constraints among them have such names.
+    weights : None, "volume", "pcsa" or mapping of str to float
+        As for :class:`~scso_nlp.ActivationEffort`.
 
     Raises
     ------
@@ -113,24 +228,24 @@ def check_names(settings: RunSettings) -> None:
     DataError
         A file that cannot be read.
     """
-    names = model_names(settings.motion)
-    if isinstance(settings.weights, Mapping):
-        names.require("muscle or actuator", settings.weights, names.forces)
-    stability = settings.stability
-    if stability is None:
-        return
-    if isinstance(stability.q, Mapping):
-        names.require("muscle", stability.q, names.muscles)
-    if isinstance(stability, JointStability):
-        names.require("joint", stability.joints or (), names.joints)
-        joints = stability.joints or names.joints
-        rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes)
-    else:
-        chosen = getattr(stability, "coordinates", None)
-        names.require("coordinate", chosen or (), names.coordinates)
-        rows = chosen or names.coordinates
-    for values in (stability.level, stability.passive_stiffness):
-        names.require("stability row", values if isinstance(values, Mapping) else (), rows)
+    names = model_names(motion)
+    if isinstance(weights, Mapping):
+        names.require("muscle or actuator", weights, names.forces)
+    for stability in constraints:
+        if not isinstance(stability, StabilityConstraint):
+            continue
+        if isinstance(stability.q, Mapping):
+            names.require("muscle", stability.q, names.muscles)
+        if isinstance(stability, JointStability):
+            names.require("joint", stability.joints or (), names.joints)
+            joints = stability.joints or names.joints
+            rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes)
+        else:
+            chosen = getattr(stability, "coordinates", None)
+            names.require("coordinate", chosen or (), names.coordinates)
+            rows = chosen or names.coordinates
+        for values in (stability.level, stability.passive_stiffness):
+            names.require("stability row", values if isinstance(values, Mapping) else (), rows)
 
 
 @checked
@@ -152,17 +267,8 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
 
 def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dict[str, str]]:
     """Extract the motion; give the hashes of what was read, too."""
-    check_names(settings)
-    stability, motion = settings.stability, settings.motion
-    if isinstance(stability, CoordinateStability | HessianStability):
-        chosen = ("all",) if stability.coordinates is None else tuple(stability.coordinates)
-        motion = replace(motion, curvature_coordinates=chosen)
-    if not isinstance(stability, JointStability):
-        motion = replace(motion, muscle_paths=False)
-    elif stability.moving_paths != "frozen":
-        joints = ("all",) if stability.joints is None else stability.joints
-        axes = tuple((joint, axis) for joint in joints for axis in stability.axes)
-        motion = replace(motion, stability_axes=axes)
+    check_names(settings.motion, settings.constraints, settings.weights)
+    motion = prepared_for(settings.motion, settings.constraints)
     return load_with_hashes(motion, processes=output.processes, cache=output.cache)
 
 
@@ -179,14 +285,14 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
-    model = MUSCLE_MODELS[settings.muscle_model].make()
-    problem = static_optimization(motion, muscle_model=model, exponent=settings.exponent)
-    if settings.weights is not None:
-        effort = ActivationEffort(exponent=settings.exponent, weights=settings.weights)
-        problem = replace(problem, objectives=(effort,))
-    if settings.stability is not None:
-        problem = replace(problem, constraints=(*problem.constraints, settings.stability))
-    return problem
+    plain = static_optimization(
+        motion,
+        muscle_model=MUSCLE_MODELS[settings.muscle_model].make(),
+        exponent=settings.exponent,
+        weights=settings.weights,
+        passive_elements=settings.passive_elements,
+    )
+    return replace(plain, constraints=(*plain.constraints, *settings.constraints))
 
 
 @checked

@@ -10,9 +10,12 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from scso_nlp.arguments import checked
+from scso_nlp.constraints.activation_dynamics import ActivationDynamics
+from scso_nlp.constraints.activation_rate import ActivationRate
+from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import (
     MUSCLE_MODELS,
@@ -61,6 +64,12 @@ class RunSettings:
         Power of the activations.
     weights : None, "volume", "pcsa" or mapping of str to float
         As for :class:`~scso_nlp.ActivationEffort`.
+    passive_elements : "taken_off" or "left_in"
+        As for :class:`~scso_nlp.MomentEquilibrium`.
+    activation_rate : "off", "first_order" or "constant"
+        Bounds of :class:`~scso_nlp.ActivationRate`, if any.
+    activation_dynamics : bool
+        With :class:`~scso_nlp.ActivationDynamics`.
     muscle_model : "opensim-rigid", "physical-rigid", "compliant" or "none"
         Force-length-velocity as OpenSim's static optimization has it, with the textbook's rigid tendon, or
         with elastic tendons; or force proportional to activation.
@@ -80,6 +89,9 @@ class RunSettings:
     analysis_name: str = "StaticOptimization"
     exponent: float = 2.0
     weights: str | Mapping[str, float] | None = None
+    passive_elements: Literal["taken_off", "left_in"] = "taken_off"
+    activation_rate: Literal["off", "first_order", "constant"] = "off"
+    activation_dynamics: bool = False
     muscle_model: str = "opensim-rigid"
     stability: StabilityConstraint | None = None
     solver: str = "trajectory"
@@ -95,6 +107,21 @@ class RunSettings:
         for part in (self.motion.name, self.analysis_name):
             check_name(part)
         ActivationEffort(exponent=self.exponent, weights=self.weights)
+        coupled = [term.name for term in self.constraints if isinstance(term, FramePairConstraint)]
+        if coupled and self.solver == "framewise":
+            raise ProblemError(f"{', '.join(coupled)} couples frames, expected solver 'trajectory'")
+
+    @property
+    def constraints(self) -> tuple[FrameConstraint | FramePairConstraint, ...]:
+        """What is asked for besides moment equilibrium."""
+        terms: list[FrameConstraint | FramePairConstraint] = []
+        if self.stability is not None:
+            terms.append(self.stability)
+        if self.activation_rate != "off":
+            terms.append(ActivationRate(bounds=self.activation_rate))
+        if self.activation_dynamics:
+            terms.append(ActivationDynamics())
+        return tuple(terms)
 
     @property
     def muscle_physiology(self) -> bool:

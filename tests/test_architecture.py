@@ -40,6 +40,7 @@ LAYERS = (
     "versions",
     "validation",
     "arguments",
+    "needs",
     "trajectory",
     "muscles",
     "motion",

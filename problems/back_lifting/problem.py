@@ -10,6 +10,7 @@ import numpy as np
 from problems.fetch import BACK_LIFTING, fetch, motion_cache
 from scso_nlp import (
     ActuatorParameters,
+    HessianStability,
     JointStability,
     Motion,
     MotionTrajectory,
@@ -83,14 +84,14 @@ def make_problem(
         raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
     folder = fetch(BACK_LIFTING)
     moments = read_storage(folder / trial / "id.sto")
+    stability = JointStability(q=q, joints=JOINTS)
     recorded = load_motion(
         model=folder / "lumbarModel_scaled.osim",
         coordinates=folder / trial / "ik.sto",
         in_degrees=False,
         final_time=float(moments.time[-1]),
         step_interval=step_interval,
-        stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
-        curvature_coordinates=COORDINATES if with_curvature else (),
+        prepare_for=[stability, *([HessianStability(coordinates=COORDINATES)] if with_curvature else [])],
         name=trial,
         cache=motion_cache(),
     )
@@ -109,7 +110,7 @@ def make_problem(
         max_control=np.full(n, np.inf),
     )
     motion = Motion(trajectory=trajectory, muscles=recorded.muscles, actuators=actuators)
-    return stability_constrained_static_optimization(motion, stability=JointStability(q=q, joints=JOINTS))
+    return stability_constrained_static_optimization(motion, stability=stability)
 
 
 def passive_stiffness() -> tuple[dict[str, float], dict[str, float]]:

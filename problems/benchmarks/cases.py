@@ -109,10 +109,8 @@ class Case:
         return HessianStability(q=self.q, coordinates=self.coordinates)
 
     def extras(self, kind: str) -> dict[str, Any]:
-        """Name what the extraction has to give besides, as fields of a motion's description."""
-        if kind == SCSO:
-            return {"stability_axes": tuple((joint, axis) for joint in self.joints for axis in self.axes)}
-        return {"curvature_coordinates": self.coordinates} if kind == FULL else {}
+        """Say what the extraction is prepared for, as keywords of `load_motion`."""
+        return {} if kind == SO else {"prepare_for": [self.stability(kind)]}
 
     def options(self, kind: str) -> list[str]:
         """Say what `scso run` is told."""

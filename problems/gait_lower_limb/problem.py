@@ -35,6 +35,7 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(GAIT10DOF18MUSC)
+    stability = JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT)
     motion = load_motion(
         model=folder / "gait10dof18musc_simbody.osim",
         coordinates=folder / "subject01_walk_IK.mot",
@@ -42,9 +43,8 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         actuators=(folder / "gait10dof18musc_Strong_actuators.xml",),
         lowpass_cutoff_frequency=CUTOFF,
         step_interval=step_interval,
-        stability_axes=tuple((joint, "z") for joint in JOINTS),
+        prepare_for=[stability],
         name="gait_lower_limb",
         cache=motion_cache(),
     )
-    stability = JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT)
     return stability_constrained_static_optimization(motion, stability=stability)

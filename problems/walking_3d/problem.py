@@ -41,6 +41,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(WALKING3D)
+    stability = JointStability(q=q, joints=JOINTS, soft=SOFT)
     motion = load_motion(
         model=folder / "subject_walk_scaled.osim",
         coordinates=folder / "coordinates.sto",
@@ -49,12 +50,11 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         initial_time=INITIAL_TIME,
         final_time=FINAL_TIME,
         step_interval=step_interval,
-        stability_axes=tuple((joint, axis) for joint in JOINTS for axis in "xyz"),
+        prepare_for=[stability],
         keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
         name="walking_3d",
         cache=motion_cache(),
     )
-    stability = JointStability(q=q, joints=JOINTS, soft=SOFT)
     return stability_constrained_static_optimization(motion, stability=stability)
 
 

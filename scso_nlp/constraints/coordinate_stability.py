@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.stability.hessian import chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.validation import chosen_names
@@ -40,6 +41,12 @@ class CoordinateStability(StabilityConstraint):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "coordinates", chosen_names("coordinate", self.coordinates))
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Second derivatives along the coordinates."""
+        chosen = ("all",) if self.coordinates is None else tuple(self.coordinates)
+        return MotionNeeds(curvature_coordinates=chosen)
 
     def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names of the chosen coordinates."""

@@ -12,6 +12,7 @@ from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import STABILITY_SCALE, StabilityConstraint
 from scso_nlp.frame import Frame, MatrixRows
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.stability.hessian import HessianTerms, chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.validation import FloatArray, chosen_names, read_only
@@ -47,6 +48,12 @@ class HessianStability(StabilityConstraint):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "coordinates", chosen_names("coordinate", self.coordinates))
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Second derivatives along the coordinates."""
+        chosen = ("all",) if self.coordinates is None else tuple(self.coordinates)
+        return MotionNeeds(curvature_coordinates=chosen)
 
     def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names of the chosen coordinates."""

@@ -9,6 +9,7 @@ from typing import Literal
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.stability.potvin_brown import potvin_brown
 from scso_nlp.stability.rows import AXES, StabilityRows, select_rows
 from scso_nlp.validation import chosen_names, positions
@@ -48,6 +49,13 @@ class JointStability(StabilityConstraint):
         object.__setattr__(self, "joints", chosen_names("joint", self.joints))
         object.__setattr__(self, "axes", chosen_names("axis", self.axes))
         positions("axis", self.axes, AXES)
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Points of muscle paths, and virtual rotations of those that wrap or move unless they are frozen."""
+        joints = ("all",) if self.joints is None else self.joints
+        axes = tuple((joint, axis) for joint in joints for axis in self.axes)
+        return MotionNeeds(muscle_paths=True, stability_axes=() if self.moving_paths == "frozen" else axes)
 
     def stability_rows(self, motion: Motion) -> StabilityRows:
         """Curvature, moment arms and external work of the rows."""

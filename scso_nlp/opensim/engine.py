@@ -11,7 +11,7 @@ import hashlib
 import json
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from scso_nlp.files import absolute, hashes, make_folder, refuse_changed, requir
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
 from scso_nlp.motion import Motion
+from scso_nlp.needs import HasNeeds
 from scso_nlp.opensim import crew
 from scso_nlp.opensim.assemble import assemble
 from scso_nlp.opensim.checks import CheckedInput, check_input
@@ -31,6 +32,7 @@ from scso_nlp.opensim.setup_xml import (
     AnalyzeSetup,
     MotionInput,
     named_files,
+    prepared_for,
     read_analyze_setup,
     read_external_loads,
     with_changes,
@@ -50,18 +52,68 @@ TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 def load_motion(
     setup: str | os.PathLike[str] | AnalyzeSetup | MotionInput | None = None,
     *,
+    prepare_for: Iterable[HasNeeds] | None = None,
+    model: str | os.PathLike[str] | None = None,
+    coordinates: str | os.PathLike[str] | None = None,
+    states: str | os.PathLike[str] | None = None,
+    speeds: str | os.PathLike[str] | None = None,
+    external_loads: str | os.PathLike[str] | None = None,
+    actuators: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None = None,
+    replace_force_set: bool | None = None,
+    outside_force_set: str | Iterable[str] | None = None,
+    initial_time: float | None = None,
+    final_time: float | None = None,
+    lowpass_cutoff_frequency: float | None = None,
+    step_interval: int | None = None,
+    name: str | None = None,
+    in_degrees: bool | None = None,
+    speeds_in_degrees: bool | None = None,
+    held_coordinates: str | Iterable[str] | None = None,
+    keep_coupled_speeds: bool | None = None,
+    muscle_paths: bool | None = None,
+    stability_axes: Iterable[tuple[str, str]] | None = None,
+    curvature_coordinates: str | Iterable[str] | None = None,
     processes: int | None = None,
     cache: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
-    **changes: Any,
 ) -> Motion:
     """Let OpenSim turn a model and a motion into arrays.
 
     Parameters
     ----------
     setup : path, AnalyzeSetup or MotionInput, optional
-        An AnalyzeTool setup file, or a description. Without it `changes` must hold `model` and
-        `coordinates` (or `states`).
+        An AnalyzeTool setup file, or a description. Without it `model` and `coordinates` (or `states`) must
+        be given. Of all that follows up to `curvature_coordinates`, None is what the setup says, or
+        :class:`MotionInput`'s default.
+    prepare_for : terms, optional
+        Stability constraints and other terms of the problem to come, which know what must be computed of a
+        motion for them; ``()`` is plain static optimization. By default points of muscle paths are read, and
+        nothing is computed that takes time.
+    model, coordinates, states, speeds, external_loads : path, optional
+        The ``.osim`` file; coordinates over time or, instead, all states; generalized speeds; the
+        ``ExternalLoads`` file.
+    actuators : path or several, optional
+        Force set files that are added to the model.
+    replace_force_set : bool, optional
+        Drop the model's own forces first.
+    outside_force_set : name or several, optional
+        Muscles and actuators outside the model's ForceSet that are unknowns too; "all" is all of them.
+    initial_time, final_time : float, optional [s]
+        Range to analyze; minus infinity and infinity are the motion's own.
+    lowpass_cutoff_frequency : float, optional [Hz]
+        Low-pass filter of the coordinates; a negative number is no filter.
+    step_interval : int, optional
+        Take every so many frames.
+    name : str, optional
+        Of the analysis; result files start with it.
+    in_degrees, speeds_in_degrees : bool, optional
+        Unit of angles in the motion, and in `speeds`, where their headers are wrong or missing.
+    held_coordinates : name or several, optional
+        Coordinates that stay at zero because the motion has no column for them.
+    keep_coupled_speeds : bool, optional
+        Take speeds of coupled coordinates from the motion even where they contradict the constraints.
+    muscle_paths, stability_axes, curvature_coordinates : optional
+        What to compute besides what `prepare_for` asks for; as fields of :class:`MotionInput`.
     processes : int, optional
         Worker processes; by default one per core this process may use, fewer for short motions. The
         answer does not depend on it.
@@ -70,8 +122,6 @@ def load_motion(
         from there, without OpenSim; else they are stored there.
     progress : bool, optional
         Show a progress bar when it takes more than two seconds; by default only on a terminal.
-    **changes
-        Fields of :class:`MotionInput` that replace those of `setup`, e.g. ``final_time=0.8``.
 
     Returns
     -------
@@ -92,10 +142,19 @@ def load_motion(
     do their speeds with ``keep_coupled_speeds=False``. Where a model with a ConstraintSet clamps a coordinate
     to a range that the motion leaves, values are those of OpenSim's own assembly (logged); speeds stay.
     """
+    given = locals()
+    changes = {
+        field.name: given[field.name]
+        for field in dataclasses.fields(MotionInput)
+        if given[field.name] is not None
+    }
     if isinstance(setup, (str, os.PathLike)):
         setup = read_analyze_setup(setup)
-    motion = setup.motion if isinstance(setup, AnalyzeSetup) else setup
-    motion = with_changes(motion, changes)
+    motion = with_changes(setup.motion if isinstance(setup, AnalyzeSetup) else setup, changes)
+    if prepare_for is not None:
+        motion = prepared_for(motion, prepare_for)
+        if muscle_paths is not None:
+            motion = dataclasses.replace(motion, muscle_paths=muscle_paths)
     return load_with_hashes(motion, processes=processes, cache=cache, progress=progress)[0]
 
 

@@ -22,6 +22,7 @@ from defusedxml.common import DefusedXmlException
 from scso_nlp.arguments import checked_as
 from scso_nlp.exceptions import DataError, FileFormatError
 from scso_nlp.files import absolute, read_bytes
+from scso_nlp.needs import HasNeeds, MotionNeeds, needs_of
 from scso_nlp.opensim.worker.exchange import LOAD_DATA
 from scso_nlp.text import number, shown
 from scso_nlp.validation import unique_names
@@ -618,6 +619,30 @@ def _below(folder: Path, text: str) -> Path:
     return Path(os.path.normpath(folder / plain))
 
 
+def prepared_for(motion: MotionInput, terms: Iterable[HasNeeds]) -> MotionInput:
+    """Ask for what the terms of a problem need, besides what is asked for already, and for no other paths.
+
+    Parameters
+    ----------
+    motion : MotionInput
+    terms : iterable of terms
+
+    Returns
+    -------
+    MotionInput
+    """
+    own = MotionNeeds(
+        stability_axes=motion.stability_axes, curvature_coordinates=motion.curvature_coordinates
+    )
+    needs = own | needs_of(terms)
+    return replace(
+        motion,
+        muscle_paths=needs.muscle_paths or bool(needs.stability_axes),
+        stability_axes=needs.stability_axes,
+        curvature_coordinates=needs.curvature_coordinates,
+    )
+
+
 def with_changes(motion: MotionInput | None, changes: dict[str, Any]) -> MotionInput:
     """Replace fields of a motion input; a new kind of motion file replaces the other.
 
@@ -635,12 +660,8 @@ def with_changes(motion: MotionInput | None, changes: dict[str, Any]) -> MotionI
     Raises
     ------
     DataError
-        A name that is not a field, or no model.
+        No model.
     """
-    known = set(MotionInput.__dataclass_fields__)
-    unknown = sorted(set(changes) - known)
-    if unknown:
-        raise DataError(f"unknown setting {', '.join(unknown)}, expected one of {', '.join(sorted(known))}")
     if motion is None:
         if "model" not in changes:
             raise DataError("load_motion needs a setup file, or at least model and coordinates")

@@ -150,7 +150,7 @@ def require_curvature(trajectory: MotionTrajectory) -> CoordinateCurvature:
     if trajectory.curvature is None:
         raise ProblemError(
             f"the motion {trajectory.name!r} was loaded without path curvature, which stability over "
-            "coordinates needs; load it with curvature_coordinates=(...)"
+            "coordinates needs; load it with the constraint in prepare_for"
         )
     return trajectory.curvature
 

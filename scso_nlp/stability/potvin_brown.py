@@ -196,13 +196,13 @@ def _take_virtual(
         if without:
             raise DataError(
                 f"{', '.join(without)} has no path points (a path given by functions?), so its stability "
-                f"about axis {axis} of joint {joint!r} is unknown; load the motion again with virtual "
-                f"derivatives for {row}, or give the muscle a geometry path"
+                f"about axis {axis} of joint {joint!r} is unknown; load the motion with this constraint in "
+                f"prepare_for, or give the muscle a geometry path"
             )
         raise DataError(
             f"{', '.join(_named(muscles, missing))} crosses joint {joint!r} with a point that slides on a "
             f"wrap surface or moves, so the straight formula is not exact about axis {axis}; load the motion "
-            f"again with virtual derivatives for {row}, choose moving_paths='frozen', or leave the joint out"
+            f"with this constraint in prepare_for, choose moving_paths='frozen', or leave the joint out"
         )
     moment_arms[needed] = arms[needed]
     curvature[needed] = curve[needed]

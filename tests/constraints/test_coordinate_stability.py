@@ -102,7 +102,7 @@ def test_the_models_passive_stiffness_counts_unless_told_otherwise(rng):
 def test_a_motion_without_curvature_is_refused_with_the_remedy(rng):
     problem = hessian_problem(rng)
     bare = dataclasses.replace(problem.motion.trajectory, curvature=None)
-    with pytest.raises(scso.ProblemError, match=r"without path curvature.*curvature_coordinates="):
+    with pytest.raises(scso.ProblemError, match=r"without path curvature.*prepare_for"):
         CoordinateStability().stability_rows(dataclasses.replace(problem.motion, trajectory=bare))
 
 

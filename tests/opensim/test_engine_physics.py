@@ -107,7 +107,7 @@ def test_point_actuators_and_reserves_push_by_their_optimal_force(tiny: Tiny) ->
 
 
 def test_moment_arms_are_the_gradient_of_length_including_the_coupled_slider(tiny: Tiny) -> None:
-    trajectory = load_motion(tiny.setup, lowpass_cutoff_frequency=None).trajectory
+    trajectory = load_motion(tiny.setup, lowpass_cutoff_frequency=-1).trajectory
     rate = -np.einsum("kcm,kc->km", trajectory.moment_arms, trajectory.coordinate_speeds)
     np.testing.assert_allclose(trajectory.muscle_tendon_velocity, rate, atol=1e-12)
 

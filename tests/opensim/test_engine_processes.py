@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 import os
 import re
 import shutil
@@ -62,7 +63,7 @@ def test_the_number_of_processes_does_not_change_one_bit(
 
 
 def test_the_range_of_a_filtered_motion_is_what_was_recorded(tiny: Tiny) -> None:
-    trajectory = load_motion(tiny.setup, initial_time=None, final_time=None).trajectory
+    trajectory = load_motion(tiny.setup, initial_time=-math.inf, final_time=math.inf).trajectory
     assert trajectory.time[0] == pytest.approx(0, abs=0.01)
     assert trajectory.time[-1] == pytest.approx(1, abs=0.01)
 
@@ -568,7 +569,7 @@ def test_names_of_stability_axes_and_settings_are_checked(tiny: Tiny) -> None:
         load_motion(tiny.setup, stability_axes=(("knee", "z"),))
     with pytest.raises(DataError, match="the axis 'w', expected x, y or z"):
         load_motion(tiny.setup, stability_axes=(("elbow", "w"),))
-    with pytest.raises(DataError, match="unknown setting end_time"):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'end_time'"):
         load_motion(tiny.setup, end_time=1.0)
     with pytest.raises(DataError, match="needs a setup file"):
         load_motion()

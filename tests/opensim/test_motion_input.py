@@ -191,7 +191,7 @@ def test_a_time_range_is_cut_to_the_motion(
     initial: float, final: float, rows: slice, taken: str | None, tiny: Tiny, caplog: pytest.LogCaptureFixture
 ) -> None:
     found = load_motion(
-        tiny.setup, initial_time=initial, final_time=final, lowpass_cutoff_frequency=None, processes=1
+        tiny.setup, initial_time=initial, final_time=final, lowpass_cutoff_frequency=-1, processes=1
     ).trajectory
     np.testing.assert_array_equal(found.time, TIME[rows])
     start = f"{tiny.moving} covers 0 to 1 s: of the time range asked for, "
@@ -200,7 +200,7 @@ def test_a_time_range_is_cut_to_the_motion(
 
 def test_a_cut_range_of_a_filtered_motion_is_the_whole_motion(tiny: Tiny) -> None:
     """OpenSim would run on into what the filter mirrors at the ends."""
-    whole = load_motion(tiny.setup, initial_time=None, final_time=None, processes=1).trajectory
+    whole = load_motion(tiny.setup, initial_time=-math.inf, final_time=math.inf, processes=1).trajectory
     cut = load_motion(tiny.setup, initial_time=-0.4, final_time=1.4, processes=1).trajectory
     np.testing.assert_array_equal(cut.time, whole.time)
     np.testing.assert_array_equal(cut.generalized_forces, whole.generalized_forces)

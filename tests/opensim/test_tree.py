@@ -23,7 +23,7 @@ def _load(tiny: Tiny) -> MotionTrajectory:
     """Load everything that depends on the tree, but for a few frames."""
     return load_motion(
         tiny.setup,
-        lowpass_cutoff_frequency=None,
+        lowpass_cutoff_frequency=-1,
         step_interval=10,
         stability_axes=AXES,
         curvature_coordinates=("all",),
@@ -163,7 +163,7 @@ def test_all_joints_are_asked_for_by_one_word(tiny: Tiny) -> None:
     every = _load(tiny).skeleton
     asked = tuple(("all", axis) for axis in "xyz")
     by_word = load_motion(
-        tiny.setup, lowpass_cutoff_frequency=None, step_interval=10, stability_axes=(*asked, ("elbow", "z"))
+        tiny.setup, lowpass_cutoff_frequency=-1, step_interval=10, stability_axes=(*asked, ("elbow", "z"))
     ).trajectory.skeleton
     assert every is not None
     assert by_word is not None
