@@ -5,7 +5,10 @@ Public names stand in ``__init__.pyi`` and are imported when first used, so that
 
 import lazy_loader
 
+from scso_nlp.accessors import offer
 from scso_nlp.exceptions import EngineError, loading_fault
+
+offer("plot", "scso_nlp.figures.plots:SolutionPlots")
 
 _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

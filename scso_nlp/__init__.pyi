@@ -57,6 +57,7 @@ from .run import solve as solve
 from .solution import InfeasibilityProof as InfeasibilityProof
 from .solution import MatrixResult as MatrixResult
 from .solution import MomentBalance as MomentBalance
+from .solution import MuscleResult as MuscleResult
 from .solution import Optimality as Optimality
 from .solution import RowResult as RowResult
 from .solution import Shortfall as Shortfall

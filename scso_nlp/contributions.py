@@ -13,6 +13,7 @@ import numpy as np
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.display import without_arrays
 from scso_nlp.exceptions import NameMismatchError, ProblemError
 from scso_nlp.solution import SMALLEST_EIGENVALUE, Solution
 from scso_nlp.validation import FloatArray
@@ -45,6 +46,8 @@ class Contributions:
     geometric: FloatArray
     stiffness: FloatArray
     constant: FloatArray
+
+    __repr__ = without_arrays
 
     @property
     def of_muscles(self) -> FloatArray:

@@ -48,6 +48,12 @@ class Motion:
         """Number of frames."""
         return self.trajectory.n_frames
 
+    def __repr__(self) -> str:
+        return repr(self.trajectory)
+
+    def _repr_html_(self) -> str:
+        return self.trajectory._repr_html_()
+
     def frames(self, start: int | Iterable[int], stop: int | None = None) -> Motion:
         """Keep some frames, as :meth:`MotionTrajectory.frames`."""
         return replace(self, trajectory=self.trajectory.frames(start, stop))

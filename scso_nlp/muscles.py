@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from scso_nlp.arguments import checked
+from scso_nlp.display import card, table, without_arrays
 from scso_nlp.exceptions import DataError
 from scso_nlp.validation import FloatArray, read_only, unique_names
 
@@ -98,6 +99,24 @@ class MuscleParameters:
         """Number of muscles."""
         return len(self.muscles)
 
+    def __repr__(self) -> str:
+        kinds = {name: self.muscle_class.count(name) for name in dict.fromkeys(self.muscle_class)}
+        return f"{self.n_muscles} muscles: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+
+    def _repr_html_(self) -> str:
+        head = ("muscle", "class", "max isometric force [N]", "optimal fiber length [m]",
+                "tendon slack length [m]", "pennation angle at optimal [rad]")  # fmt: skip
+        numbers = np.column_stack(
+            [
+                self.max_isometric_force,
+                self.optimal_fiber_length,
+                self.tendon_slack_length,
+                self.pennation_angle_at_optimal,
+            ]
+        ).tolist()
+        rows = [(*row[:2], *row[2]) for row in zip(self.muscles, self.muscle_class, numbers, strict=True)]
+        return card(repr(self), table(head, rows))
+
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -118,6 +137,8 @@ class ActuatorParameters:
     optimal_force: FloatArray = field(default_factory=lambda: np.zeros(0))
     min_control: FloatArray = field(default_factory=lambda: np.zeros(0))
     max_control: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    __repr__ = without_arrays
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__

@@ -11,13 +11,13 @@ from scso_nlp.arguments import checked_as
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.display import card, table
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Term
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.objectives.function_objective import FunctionObjective
 from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
-from scso_nlp.trajectory import time_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,11 +101,9 @@ class MuscleForceProblem:
         return replace(self, constraints=kept, observed=(*left, *self.observed))
 
     def __str__(self) -> str:
-        trajectory, muscles, actuators = self.motion.trajectory, self.motion.muscles, self.motion.actuators
-        span = f"{time_text(trajectory.time[0])} to {time_text(trajectory.time[-1])} s"
+        muscles, actuators = self.motion.muscles, self.motion.actuators
         lines = [
-            f"{trajectory.name}: {trajectory.n_frames} frames from {span}, {muscles.n_muscles} muscles, "
-            f"{actuators.n_actuators} actuators, {len(trajectory.coordinates)} free coordinates",
+            self.motion.trajectory.summary(),
             f"  unknowns    a ({muscles.n_muscles}), c ({actuators.n_actuators}) in every frame",
             f"  forces      {self.muscle_model!r}",
         ]
@@ -116,6 +114,12 @@ class MuscleForceProblem:
             low, high = float(np.min(muscles.min_activation)), float(np.max(muscles.max_activation))
             lines.append(f"  bounds      {low:g} <= a <= {high:g}, controls as in the model")
         return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        heading, *lines = str(self).splitlines()
+        return card(heading, table(("", ""), [(line[:13], line[13:]) for line in lines]))
 
 
 def as_objective(term: object) -> FrameObjective | FramePairObjective:

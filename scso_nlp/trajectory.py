@@ -13,7 +13,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from scso_nlp.arguments import checked
+from scso_nlp.display import card, table, without_arrays
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.text import shown
 from scso_nlp.validation import (
     BoolArray,
     FloatArray,
@@ -100,6 +102,8 @@ class Skeleton:
     virtual_rows: tuple[str, ...] = ()
     virtual_moment_arms: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     virtual_curvature: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+
+    __repr__ = without_arrays
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -216,6 +220,8 @@ class CoordinateCurvature:
     passive_stiffness: FloatArray
     asymmetry: FloatArray
     is_uncertain: BoolArray
+
+    __repr__ = without_arrays
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -363,6 +369,37 @@ class MotionTrajectory:
     def n_frames(self) -> int:
         """Number of frames."""
         return self.time.size
+
+    def summary(self) -> str:
+        """One line: frames, muscles, actuators and free coordinates."""
+        span = f"{time_text(self.time[0])} to {time_text(self.time[-1])} s"
+        return (
+            f"{self.name}: {self.n_frames} frames from {span}, {len(self.muscles)} muscles, "
+            f"{len(self.actuators)} actuators, {len(self.coordinates)} free coordinates"
+        )
+
+    def __repr__(self) -> str:
+        text = f"Motion {self.summary()}"
+        if self.skeleton is not None:
+            bodies, joints = len(self.skeleton.bodies), len(self.skeleton.joints)
+            paths = "with" if self.skeleton.path_points.shape[2] else "without"
+            text += f"\n  skeleton of {bodies} bodies and {joints} joints, {paths} points of muscle paths"
+            if rows := self.skeleton.virtual_rows:
+                text += f"\n  virtual rotations {shown(rows)}"
+        if self.curvature is not None:
+            text += f"\n  curvature along {shown(self.curvature.coordinates)}"
+        return text
+
+    def _repr_html_(self) -> str:
+        values = np.where(self.is_rotational, np.rad2deg(self.coordinate_values), self.coordinate_values)
+        forces = np.abs(self.generalized_forces).max(axis=0)
+        rows = [
+            (name, float(values[:, c].min()), float(values[:, c].max()), "°" if angle else "m",
+             float(forces[c]), "N·m" if angle else "N")
+            for c, (name, angle) in enumerate(zip(self.coordinates, self.is_rotational, strict=True))
+        ]  # fmt: skip
+        head = ("coordinate", "least", "most", "", "largest generalized force", "")
+        return card(repr(self), table(head, rows))
 
     def frames(self, start: int | Iterable[int], stop: int | None = None) -> MotionTrajectory:
         """Keep the frames from `start` up to but without `stop`, or the frames listed.

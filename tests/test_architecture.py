@@ -33,8 +33,10 @@ SYMBOLIC = ("frame", "muscle_models", "objectives", "constraints", "transcriptio
 
 #: The rooms of the house from bottom to top. A room knows those below it, never those above.
 LAYERS = (
+    "accessors",
     "exceptions",
     "text",
+    "display",
     "files",
     "signals",
     "versions",
@@ -74,6 +76,7 @@ WORKER = "scso_nlp.opensim.worker"
 #: All that a worker may load of this package besides itself.
 OF_USE_TO_THE_WORKER = (
     "scso_nlp",
+    "scso_nlp.accessors",
     "scso_nlp.exceptions",
     "scso_nlp.files",
     "scso_nlp.opensim",

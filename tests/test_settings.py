@@ -10,8 +10,10 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from helpers import random_problem
 from typer.main import get_command
 
+import scso_nlp as scso
 from scso_nlp import CoordinateStability, HessianStability, JointStability
 from scso_nlp.cli import app
 from scso_nlp.declared_settings import (
@@ -32,6 +34,7 @@ from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, P
 from scso_nlp.files import hashes
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
+from scso_nlp.run import describe
 from scso_nlp.settings import OutputSettings, RunSettings, read_settings, record
 from scso_nlp.solver import SolverOptions
 
@@ -281,6 +284,33 @@ def test_all_settings_arrive(tmp_path):
     assert (output.folder, output.cache) == (tmp_path / "out", tmp_path / "stored")
     assert (output.keep_failed, output.figures, output.processes) == (True, False, 1)
     assert settings.sources == hashes([path, SPINE / "setup.xml"])
+
+
+def test_terms_beside_stability_are_described_by_settings(tmp_path):
+    text = """
+        passive_elements = "left_in"
+        activation_rate = "constant"
+        activation_dynamics = true
+        weights = "pcsa"
+        exponent = 3
+    """
+    settings, _ = read_settings(with_setup(tmp_path, text))
+    motion = random_problem(np.random.default_rng(5), n_frames=3, n_muscles=4, reserve=5.0).motion
+    problem = describe(settings, motion)
+    assert problem.objectives == (scso.ActivationEffort(exponent=3.0, weights="pcsa"),)
+    assert problem.constraints == (
+        scso.MomentEquilibrium(passive_elements="left_in"),
+        scso.ActivationRate(bounds="constant"),
+        scso.ActivationDynamics(),
+    )
+    assert read_settings(with_setup(tmp_path))[0].constraints == ()
+
+
+@pytest.mark.parametrize("setting", ["activation_rate = 'first_order'", "activation_dynamics = true"])
+def test_what_couples_frames_is_refused_frame_by_frame(tmp_path, setting):
+    path = with_setup(tmp_path, f"{setting}\nsolver = 'framewise'")
+    with pytest.raises(ProblemError, match=r"Activation(Rate|Dynamics) couples frames, expected solver"):
+        read_settings(path)
 
 
 def test_stability_along_coordinates_is_described_likewise(tmp_path):

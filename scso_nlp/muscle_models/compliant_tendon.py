@@ -50,7 +50,8 @@ class CompliantTendon(MuscleModel):
 
     Unknowns are the fiber length along the tendon, :math:`\ell^M\cos\alpha`, and the tendon force: with it
     moment equilibrium and stability rows stay affine. Muscles of a class without an elastic tendon, or with
-    ``ignore_tendon_compliance``, have a rigid tendon and no unknowns.
+    ``ignore_tendon_compliance``, have a rigid tendon and no unknowns. ``solution.fiber_length`` and
+    ``solution.tendon_strain`` tell what became of both.
 
     Attributes
     ----------
@@ -232,6 +233,7 @@ class CompliantTendon(MuscleModel):
             names=[*(f"{name} fiber" for name in names), *(f"{name} tendon" for name in names)],
             unit="F0",
             scale=_RESIDUAL,
+            quantities=_fibers_and_tendons(frame, motion, chosen),
         )
 
     def _velocity(self, motion: Motion) -> FloatArray:
@@ -290,6 +292,17 @@ class CompliantTendon(MuscleModel):
                 "while the fiber shortens; activation is held to what keeps them taut",
                 _names(rest.slack_at_least, group, motion),
             )
+
+
+def _fibers_and_tendons(frame: Frame, motion: Motion, elastic: list[int]) -> dict[str, ca.SX]:
+    """Fiber lengths [m], and strain of the tendons, which is zero where they are rigid [-]."""
+    muscle = frame.muscle
+    slack = ca.DM(motion.muscles.tendon_slack_length)
+    strain = ca.SX(motion.muscles.n_muscles, 1)
+    along_tendon = muscle.fiber_length * muscle.cos_pennation_angle
+    tendon = frame.muscle_tendon_length - along_tendon
+    strain[elastic] = tendon[elastic] / slack[elastic] - 1
+    return {"fiber_length": muscle.fiber_length, "tendon_strain": strain}
 
 
 class _Rest(NamedTuple):

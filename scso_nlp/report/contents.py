@@ -221,6 +221,20 @@ def _violation(rows: RowResult | MatrixResult) -> FloatArray:
     return np.where(np.isfinite(excess), excess, NO_ITERATE).max(axis=1, initial=NO_ITERATE)
 
 
+def _of_muscles(title: str, attribute: str, description: str) -> Callable[[Solution], Storage | None]:
+    """Make the content of a file with a column per muscle; none where the solution lacks it."""
+
+    def content(solution: Solution) -> Storage | None:
+        values = getattr(solution, attribute)
+        if values is None:
+            return None
+        muscles = solution.problem.motion.trajectory.muscles
+        values = np.where(solution.is_solved[:, None], values, np.nan)
+        return _storage(solution, title, muscles, values, f"{description}\n")
+
+    return content
+
+
 #: All of them, in the order of README's table.
 RESULT_FILES = (
     ResultFile(
@@ -238,6 +252,23 @@ RESULT_FILES = (
         name="{name}_{analysis}_controls.xml",
         holds="the activations and controls as a ControlSet; as OpenSim writes it",
         content=_controls_file,
+    ),
+    ResultFile(
+        name="{name}_excitation.sto",
+        holds="with `--activation-dynamics`: excitations of muscles",
+        content=_of_muscles("Excitations", "excitation", "Excitations by activation dynamics."),
+    ),
+    ResultFile(
+        name="{name}_MuscleAnalysis_FiberLength.sto",
+        holds="with `--muscle-model compliant`: fiber lengths, under the name of OpenSim's MuscleAnalysis",
+        content=_of_muscles("FiberLength", "fiber_length", "Fiber lengths in m."),
+    ),
+    ResultFile(
+        name="{name}_tendon_strain.sto",
+        holds="likewise: strain of the tendons, (length - slack length) / slack length",
+        content=_of_muscles(
+            "Tendon Strain", "tendon_strain", "Tendon length less slack length, over slack length."
+        ),
     ),
     ResultFile(
         name="{name}_stability.sto",

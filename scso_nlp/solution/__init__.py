@@ -3,6 +3,7 @@
 Data only: :mod:`scso_nlp.solver.judge` is the one place where they are made of a solver's unknowns.
 """
 
+from scso_nlp.solution.muscle import MuscleResult as MuscleResult
 from scso_nlp.solution.rows import ACTIVE_MARGIN as ACTIVE_MARGIN
 from scso_nlp.solution.rows import SMALLEST_EIGENVALUE as SMALLEST_EIGENVALUE
 from scso_nlp.solution.rows import MatrixResult as MatrixResult

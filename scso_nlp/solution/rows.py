@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scso_nlp.arguments import checked
+from scso_nlp.display import without_arrays
 from scso_nlp.validation import BoolArray, FloatArray
 
 #: A row with less margin than this is called active [N·m/rad]; interior-point solvers stop a little inside.
@@ -49,6 +50,8 @@ class RowResult:
     missed: FloatArray
     multiplier: FloatArray
     is_observed: bool = False
+
+    __repr__ = without_arrays
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -103,6 +106,8 @@ class MatrixResult:
     multiplier: FloatArray
     is_observed: bool = False
 
+    __repr__ = without_arrays
+
     @property
     def units(self) -> tuple[str, ...]:
         """Unit of each entry of `missed_by_row`."""
@@ -147,6 +152,8 @@ class StabilityMargin:
     mode_coordinates: tuple[str, ...] = ()
     mode: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
+    __repr__ = without_arrays
+
     @property
     def margin(self) -> FloatArray:
         """Stability minus level, shape (n_frames, n_rows) [N·m/rad]; negative where the row is not kept."""
@@ -180,6 +187,8 @@ class MomentBalance:
     required: FloatArray
     muscles: FloatArray
     actuators: FloatArray
+
+    __repr__ = without_arrays
 
     @property
     def actuator_share(self) -> FloatArray:
@@ -232,6 +241,8 @@ class Optimality:
     stationarity: FloatArray
     complementarity: FloatArray
     duality_gap: FloatArray
+
+    __repr__ = without_arrays
 
     @property
     def worst(self) -> FloatArray:

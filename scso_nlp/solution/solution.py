@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scso_nlp.accessors import accessor
 from scso_nlp.arguments import checked
-from scso_nlp.exceptions import ScsoError
+from scso_nlp.display import card, table
+from scso_nlp.exceptions import NameMismatchError, ScsoError
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.solution.muscle import MuscleResult
 from scso_nlp.solution.rows import MatrixResult, MomentBalance, Optimality, RowResult, StabilityMargin
 from scso_nlp.solution.status import InfeasibilityProof, Shortfall, Status
+from scso_nlp.solution.tables import Table, data_frame, moments_table, rows_table
 from scso_nlp.solution.worth import effort_of, verdict_of
 from scso_nlp.trajectory import time_text
-from scso_nlp.validation import BoolArray, FloatArray
-from scso_nlp.verdict import Verdict
+from scso_nlp.validation import BoolArray, FloatArray, nearest, positions
+from scso_nlp.verdict import ROUNDING, Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +160,21 @@ class Solution:
         )
 
     @property
+    def excitation(self) -> FloatArray | None:
+        """Excitations, shape (n_frames, n_muscles) [-]; None without activation dynamics."""
+        return self.variables.get("ActivationDynamics.excitation")
+
+    @property
+    def fiber_length(self) -> FloatArray | None:
+        """Fiber lengths, shape (n_frames, n_muscles) [m]; None without :class:`~scso_nlp.CompliantTendon`."""
+        return self.quantities.get(f"{self.problem.muscle_model.name}.fiber_length")
+
+    @property
+    def tendon_strain(self) -> FloatArray | None:
+        """Strain of the tendons, shape (n_frames, n_muscles) [-]; None as for `fiber_length`."""
+        return self.quantities.get(f"{self.problem.muscle_model.name}.tendon_strain")
+
+    @property
     def contradictions(self) -> tuple[InfeasibilityProof, ...]:
         """Proofs of several rows that exclude each other, in the order of their shortfalls."""
         order = [shortfall.frame for shortfall in self.shortfalls]
@@ -171,6 +194,138 @@ class Solution:
         kinds = sorted({self.frame_status[k].name.lower().replace("_", " ") for k in failed})
         text = f"{len(failed)} of {n_frames} frames failed ({', '.join(kinds)}): t = {times} s"
         return text + (f"; worst: {self.shortfalls[0]}" if self.shortfalls else "")
+
+    def __getitem__(self, muscle: str) -> MuscleResult:
+        """One muscle over time, by name; NameMismatchError names the nearest where there is none."""
+        trajectory = self.problem.motion.trajectory
+        m = int(positions("muscle", (muscle,), trajectory.muscles)[0])
+        found = {"activation": self.activation, "tendon_force": self.tendon_force}
+        found["muscle_tendon_length"] = trajectory.muscle_tendon_length
+        further = {name: getattr(self, name) for name in ("excitation", "fiber_length", "tendon_strain")}
+        found |= {name: values for name, values in further.items() if values is not None}
+        columns = {name: np.where(self.is_solved, values[:, m], np.nan) for name, values in found.items()}
+        return MuscleResult(name=muscle, time=trajectory.time, **columns)
+
+    def to_dataframe(self, quantity: str = "activation") -> pd.DataFrame:
+        """Make a data frame of pandas of one quantity; NaN in frames that are not solved.
+
+        Parameters
+        ----------
+        quantity : str
+            ``"activation"``, ``"excitation"`` [-], ``"force"`` of tendons [N], ``"fiber_length"`` [m],
+            ``"tendon_strain"`` [-] of every muscle; ``"control"`` [-] and ``"actuator_force"`` [N or N·m] of
+            every other actuator; ``"moments"`` [N·m or N], required and of muscles and actuators, of every
+            coordinate; ``"rows"`` of all constraints; ``"stability"`` and ``"margin"`` [N·m/rad] of every
+            stability row.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per frame, its time [s] the index; units by column in ``attrs["units"]``.
+
+        Raises
+        ------
+        NameMismatchError
+            No such quantity, or the solution has none of it.
+        ScsoError
+            pandas is not installed.
+        """
+        found = _TABLES[quantity](self) if quantity in _TABLES else None
+        if found is None:
+            known = [name for name, make in _TABLES.items() if make(self) is not None]
+            raise NameMismatchError(f"the solution has no {quantity!r} ({nearest(str(quantity), known)})")
+        values = np.where(self.is_solved[:, None], found.values, np.nan)
+        return data_frame(self.problem.motion.trajectory.time, found._replace(values=values))
+
+    @property
+    def plot(self) -> Any:
+        """Figures, e.g. ``solution.plot.activation()``: :class:`~scso_nlp.figures.plots.SolutionPlots`."""
+        return accessor("plot", self)
+
+    def __repr__(self) -> str:
+        lines = (f"Solution of {self.problem.motion.trajectory.summary()}", *self.verdict.lines())
+        return "\n  ".join(lines)
+
+    def _repr_html_(self) -> str:
+        return card(repr(self), self._table_of_rows(), self._table_of_muscles())
+
+    def _table_of_rows(self) -> str:
+        """Least margins of the stability rows, smallest first."""
+        if self.stability is None or not self.is_solved.any():
+            return ""
+        time, margin = self.problem.motion.trajectory.time, self.stability.margin
+        margin = np.where(np.isfinite(margin), margin, np.inf)
+        margin = np.where(np.abs(margin) < ROUNDING, 0.0, margin)
+        order = np.argsort(margin.min(axis=0), kind="stable")
+        lines = [(r, int(margin[:, r].argmin())) for r in order]
+        rows = [
+            (
+                self.stability.rows[r],
+                float(margin[k, r]),
+                time_text(time[k]),
+                int(active),
+            )
+            for (r, k), active in zip(lines, self.stability.is_active.sum(axis=0)[order], strict=True)
+        ]
+        return table(("stability row", "least margin [N·m/rad]", "at [s]", "frames active"), rows)
+
+    def _table_of_muscles(self) -> str:
+        """Peaks and means of all muscles, most active first."""
+        solved, trajectory = self.is_solved, self.problem.motion.trajectory
+        if not solved.any() or not trajectory.muscles:
+            return ""
+        activation, force, time = self.activation[solved], self.tendon_force[solved], trajectory.time[solved]
+        peak = activation.argmax(axis=0)
+        rows = [
+            (trajectory.muscles[m], float(activation[peak[m], m]), time_text(time[peak[m]]),
+             float(activation[:, m].mean()), float(force[:, m].max()))
+            for m in np.argsort(-activation.max(axis=0), kind="stable")
+        ]  # fmt: skip
+        return table(("muscle", "peak activation", "at [s]", "mean activation", "peak force [N]"), rows)
+
+
+def _of_muscles(unit: str, name: str) -> Callable[[Solution], Table | None]:
+    """Make the table of an attribute with a column per muscle; none where the solution lacks it."""
+
+    def make(solution: Solution) -> Table | None:
+        values, muscles = getattr(solution, name), solution.problem.motion.trajectory.muscles
+        return None if values is None else Table(values, muscles, (unit,) * len(muscles), ("muscle",))
+
+    return make
+
+
+def _of_actuators(unit: str, name: str) -> Callable[[Solution], Table]:
+    def make(solution: Solution) -> Table:
+        names = solution.problem.motion.trajectory.actuators
+        return Table(getattr(solution, name), names, (unit,) * len(names), ("actuator",))
+
+    return make
+
+
+def _of_stability(name: str) -> Callable[[Solution], Table | None]:
+    def make(solution: Solution) -> Table | None:
+        found = solution.stability
+        if found is None:
+            return None
+        return Table(getattr(found, name), found.rows, ("N·m/rad",) * len(found.rows), ("row",))
+
+    return make
+
+
+#: What :meth:`Solution.to_dataframe` knows, each with what makes its table.
+_TABLES: dict[str, Callable[[Solution], Table | None]] = {
+    "activation": _of_muscles("-", "activation"),
+    "excitation": _of_muscles("-", "excitation"),
+    "force": _of_muscles("N", "tendon_force"),
+    "fiber_length": _of_muscles("m", "fiber_length"),
+    "tendon_strain": _of_muscles("-", "tendon_strain"),
+    "control": _of_actuators("-", "control"),
+    "actuator_force": _of_actuators("N or N·m", "actuator_force"),
+    "moments": lambda solution: moments_table(solution.moment_balance),
+    "rows": lambda solution: rows_table(solution.rows, solution.matrices),
+    "stability": _of_stability("stability"),
+    "margin": _of_stability("margin"),
+}
 
 
 class SolveFailed(ScsoError):

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from scso_nlp.arguments import checked
+from scso_nlp.display import without_arrays
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import FloatArray
 from scso_nlp.verdict import USABLE
@@ -151,6 +152,8 @@ class InfeasibilityProof:
     unknowns: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
+
+    __repr__ = without_arrays
 
     @property
     def margin(self) -> float:

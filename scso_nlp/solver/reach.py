@@ -15,6 +15,7 @@ from scipy.optimize import linprog
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.display import without_arrays
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution
@@ -74,6 +75,8 @@ class Reach:
     labels: tuple[str, ...]
     help: FloatArray
     turns: tuple[str, ...] = ()
+
+    __repr__ = without_arrays
 
     @property
     def shortfall(self) -> FloatArray:

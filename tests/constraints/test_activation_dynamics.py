@@ -178,6 +178,8 @@ def test_coupling_never_costs_less_and_costs_more_where_it_binds(rng):
     free = scso.solve_trajectory(problem)
     dynamic = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationDynamics()))
     coupled = scso.solve_trajectory(dynamic)
+    assert free.excitation is None
+    np.testing.assert_array_equal(coupled.excitation, coupled.variables[EXCITATION])
     assert coupled.objective > free.objective * (1 + 1e-3)
     # With time constants near zero there is no coupling left: excitation and activation are one.
     quick = dataclasses.replace(

@@ -76,6 +76,25 @@ def test_rows_and_forces_of_mixed_classes_are_the_textbook_sums(rng, fiber_veloc
     np.testing.assert_allclose(rows[owner], np.hstack([balance, curve]), rtol=1e-11, atol=1e-12)
 
 
+def test_fiber_lengths_and_tendon_strains_are_known_of_the_solution(rng):
+    """Of all muscles; a rigid tendon keeps its slack length."""
+    problem = mixed_problem(rng, scso.CompliantTendon())
+    solution = scso.solve_trajectory(problem)
+    muscles, length = problem.motion.muscles, problem.motion.trajectory.muscle_tendon_length
+    along = along_tendon(problem, solution.variables[FIBERS])
+    width = muscles.optimal_fiber_length * np.sin(muscles.pennation_angle_at_optimal)
+    np.testing.assert_allclose(solution.fiber_length, np.hypot(along, width), rtol=1e-12)
+    strain = (length - along - muscles.tendon_slack_length) / muscles.tendon_slack_length
+    np.testing.assert_allclose(solution.tendon_strain, strain, rtol=0, atol=1e-12)
+    assert (solution.tendon_strain[:, STIFF] == 0).all()
+    assert (solution.tendon_strain[:, ELASTIC] > 0).any(axis=0).all()
+    name = muscles.muscles[0]
+    np.testing.assert_array_equal(solution[name].tendon_strain, solution.tendon_strain[:, 0])
+    np.testing.assert_array_equal(solution.to_dataframe("fiber_length")[name], solution.fiber_length[:, 0])
+    plain = scso.solve_trajectory(dataclasses.replace(problem, muscle_model=scso.NoPhysiology()))
+    assert (plain.fiber_length, plain.tendon_strain) == (None, None)
+
+
 @both_solvers
 @any_velocity
 def test_the_solution_is_the_equilibrium_of_its_activations(rng, solve, fiber_velocity):

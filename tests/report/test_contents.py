@@ -139,6 +139,30 @@ def test_the_stability_file_holds_stability_level_margin_and_multiplier(tmp_path
     assert table.values[1] == pytest.approx([19.0, 10.0, 9.0, 0.0], abs=1e-12)
 
 
+def test_the_excitation_file_holds_what_dynamics_found(tmp_path):
+    solution = solution_by_hand()
+    excitation = np.linspace(0.1, 0.9, 10).reshape(5, 2)
+    variables = {"ActivationDynamics.excitation": excitation}
+    write(replace(solution, variables=variables), tmp_path / "results")
+    table = read_storage(tmp_path / "results" / "antagonists_excitation.sto")
+    assert (table.name, table.labels) == ("Excitations", ("front_0", "back_0"))
+    np.testing.assert_array_equal(table.values, excitation)
+    write(solution, tmp_path / "results")
+    assert not (tmp_path / "results" / "antagonists_excitation.sto").exists()
+
+
+def test_fiber_lengths_and_tendon_strains_have_files(tmp_path):
+    solution = solution_by_hand()
+    files = {"_MuscleAnalysis_FiberLength.sto": "fiber_length", "_tendon_strain.sto": "tendon_strain"}
+    numbers = {name: np.linspace(k + 1, k + 2, 10).reshape(5, 2) for k, name in enumerate(files.values())}
+    quantities = {f"NoPhysiology.{name}": values for name, values in numbers.items()}
+    write(replace(solution, quantities=quantities), tmp_path / "results")
+    for file, name in files.items():
+        table = read_storage(tmp_path / "results" / f"antagonists{file}")
+        assert table.labels == ("front_0", "back_0")
+        np.testing.assert_array_equal(table.values, numbers[name])
+
+
 def test_failed_frames_that_are_kept_are_not_numbers_in_any_result_file(tmp_path):
     written = write(solution_by_hand(failed=(1,)), tmp_path / "results", keep_failed=True)
     tables = [path for path in written if path.suffix == ".sto" and not path.match("*_status.sto")]

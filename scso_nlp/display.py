@@ -1,0 +1,90 @@
+"""How data show themselves: a few lines in a terminal, a card with a table in a notebook, never arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from scso_nlp.text import shown
+
+#: At most so many rows stand in a table.
+MOST_ROWS = 12
+
+
+def without_arrays(data: Any) -> str:
+    """Write a data class as Python does, but arrays by their shapes and data within by their class.
+
+    Parameters
+    ----------
+    data : data class
+
+    Returns
+    -------
+    str
+        To be its ``__repr__``.
+    """
+    values = ((item.name, getattr(data, item.name)) for item in dataclasses.fields(data) if item.repr)
+    return f"{type(data).__name__}({', '.join(f'{name}={_brief(value)}' for name, value in values)})"
+
+
+def _brief(value: Any) -> str:
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"array of shape {value.shape}"
+    if dataclasses.is_dataclass(value):
+        return f"{type(value).__name__}(...)"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(map(shown, list(value)[:MOST_ROWS]))}}}"
+    return shown(value)
+
+
+def card(text: str, *tables: str) -> str:
+    """Make what a notebook shows of something.
+
+    Parameters
+    ----------
+    text : str
+        Its first line is the heading; all of it is escaped.
+    *tables : str
+        Made by :func:`table`.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    heading, *lines = text.splitlines()
+    shown_lines = "".join(f"<div>{escape(line.strip())}</div>" for line in lines)
+    return f"<div><strong>{escape(heading)}</strong>{shown_lines}{''.join(tables)}</div>"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Make a small table in HTML.
+
+    Parameters
+    ----------
+    head : sequence of str
+    rows : sequence of sequences
+        Numbers are written with four digits; everything is escaped. What is beyond :data:`MOST_ROWS` is
+        counted in a last row.
+
+    Returns
+    -------
+    str
+        Empty without rows.
+    """
+    if not rows:
+        return ""
+    lines = [_line("th", head), *(_line("td", [_cell(cell) for cell in row]) for row in rows[:MOST_ROWS])]
+    if len(rows) > MOST_ROWS:
+        lines.append(f'<tr><td colspan="{len(head)}">and {len(rows) - MOST_ROWS} more</td></tr>')
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _line(kind: str, cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<{kind}>{escape(cell)}</{kind}>" for cell in cells) + "</tr>"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

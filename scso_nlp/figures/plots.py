@@ -1,0 +1,49 @@
+"""Figures as an attribute of a solution: ``solution.plot.activation()``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from scso_nlp.contributions import row_contributions
+from scso_nlp.figures.contributions import plot_contributions
+from scso_nlp.figures.frames import HorizontalAxis
+from scso_nlp.figures.solution import plot_activations, plot_moments, plot_stability
+from scso_nlp.solution import Solution
+
+
+@dataclass(frozen=True)
+class SolutionPlots:
+    """Figures of one solution, each a new :class:`matplotlib.figure.Figure`.
+
+    Attributes
+    ----------
+    solution : Solution
+    """
+
+    solution: Solution
+
+    def activation(
+        self, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+    ) -> Figure:
+        """Draw the activation of every muscle, as :func:`~scso_nlp.plot_activations`."""
+        return plot_activations(self.solution, baseline=baseline, horizontal=horizontal)
+
+    def moments(self, *, horizontal: HorizontalAxis | None = None) -> Figure:
+        """Draw the moment balance of every coordinate, as :func:`~scso_nlp.plot_moments`."""
+        return plot_moments(self.solution, horizontal=horizontal)
+
+    def stability(
+        self, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+    ) -> Figure:
+        """Draw the margin of every stability row, as :func:`~scso_nlp.plot_stability`."""
+        return plot_stability(self.solution, baseline=baseline, horizontal=horizontal)
+
+    def contributions(self) -> Figure:
+        """Draw what each muscle adds to each stability row, as :func:`~scso_nlp.plot_contributions`."""
+        return plot_contributions(row_contributions(self.solution))
+
+    def __repr__(self) -> str:
+        kinds = [name for name in dir(self) if not name.startswith("_") and name != "solution"]
+        return f"figures of {self.solution.problem.motion.name}: {', '.join(kinds)}"
