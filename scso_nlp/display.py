@@ -66,8 +66,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     ----------
     head : sequence of str
     rows : sequence of sequences
-        Numbers are written with four digits; everything is escaped. What is beyond :data:`MOST_ROWS` is
-        counted in a last row.
+        Numbers are written with four digits, text stands to the left; everything is escaped. What is beyond
+        :data:`MOST_ROWS` is counted in a last row.
 
     Returns
     -------
@@ -76,15 +76,17 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """
     if not rows:
         return ""
-    lines = [_line("th", head), *(_line("td", [_cell(cell) for cell in row]) for row in rows[:MOST_ROWS])]
+    lines = [_line("th", head), *(_line("td", row) for row in rows[:MOST_ROWS])]
     if len(rows) > MOST_ROWS:
         lines.append(f'<tr><td colspan="{len(head)}">and {len(rows) - MOST_ROWS} more</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
 
-def _line(kind: str, cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<{kind}>{escape(cell)}</{kind}>" for cell in cells) + "</tr>"
+def _line(kind: str, cells: Sequence[object]) -> str:
+    return f"<tr>{''.join(_cell(kind, cell) for cell in cells)}</tr>"
 
 
-def _cell(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _cell(kind: str, value: object) -> str:
+    if isinstance(value, str):
+        return f'<{kind} style="text-align: left">{escape(value)}</{kind}>'
+    return f"<{kind}>{value:.4g}</{kind}>"

@@ -14,8 +14,12 @@ EVIL = "<script>alert(1)</script> & more"
 
 
 def shows(thing):
-    """What a terminal and a notebook show."""
-    return repr(thing), thing._repr_html_()
+    """What a terminal and a notebook show, the latter without styles."""
+    return repr(thing), plain(thing._repr_html_())
+
+
+def plain(html):
+    return html.replace(' style="text-align: left"', "")
 
 
 def test_a_solution_says_its_problem_and_its_verdict():
@@ -48,7 +52,7 @@ def test_a_motion_says_frames_and_ranges():
     values = np.array([[0.0, 0.1], [np.pi / 2, 0.2], [-np.pi / 4, 0.3], [0.0, 0.1], [0.0, 0.1]])
     changed = {"coordinate_values": values, "is_rotational": [True, False]}
     # 5 N·m at most; the second pair is one radian ahead, and 5 sin(1) is its largest at these times
-    html = replace(motion.trajectory, **changed)._repr_html_()
+    html = plain(replace(motion.trajectory, **changed)._repr_html_())
     assert "<tr><td>hinge_0</td><td>-45</td><td>90</td><td>°</td><td>5</td><td>N·m</td></tr>" in html
     assert "<tr><td>hinge_1</td><td>0.1</td><td>0.3</td><td>m</td><td>4.207</td><td>N</td></tr>" in html
 
@@ -130,7 +134,7 @@ def test_long_tables_are_cut_and_what_is_left_is_counted():
     rows = [(f"muscle_{i}", i / 7) for i in range(MOST_ROWS + 5)]
     text = table(("name", "value"), rows)
     assert text.count("<tr>") == MOST_ROWS + 2
+    assert '<td style="text-align: left">muscle_1</td><td>0.1429</td>' in text
     assert "and 5 more" in text
-    assert "<td>0.1429</td>" in text
     assert table(("name",), []) == ""
     assert card(f"{EVIL}\n  {EVIL}").count("&lt;script&gt;") == 2

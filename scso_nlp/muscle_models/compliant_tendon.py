@@ -296,13 +296,13 @@ class CompliantTendon(MuscleModel):
 
 def _fibers_and_tendons(frame: Frame, motion: Motion, elastic: list[int]) -> dict[str, ca.SX]:
     """Fiber lengths [m], and strain of the tendons, which is zero where they are rigid [-]."""
-    muscle = frame.muscle
+    fiber_length, cosine = frame.muscle.fiber_length, frame.muscle.cos_pennation_angle
+    assert fiber_length is not None
     slack = ca.DM(motion.muscles.tendon_slack_length)
     strain = ca.SX(motion.muscles.n_muscles, 1)
-    along_tendon = muscle.fiber_length * muscle.cos_pennation_angle
-    tendon = frame.muscle_tendon_length - along_tendon
+    tendon = frame.muscle_tendon_length - fiber_length * cosine
     strain[elastic] = tendon[elastic] / slack[elastic] - 1
-    return {"fiber_length": muscle.fiber_length, "tendon_strain": strain}
+    return {"fiber_length": fiber_length, "tendon_strain": strain}
 
 
 class _Rest(NamedTuple):

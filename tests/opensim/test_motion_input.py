@@ -231,7 +231,7 @@ def test_infinite_times_are_the_whole_motion_in_setups_too(tiny: Tiny) -> None:
 
 
 @pytest.mark.parametrize(
-    ("initial", "final"), [(2.0, 3.0), (-2.0, -1.0), (math.inf, math.inf), (None, -math.inf)]
+    ("initial", "final"), [(2.0, 3.0), (-2.0, -1.0), (math.inf, math.inf), (-math.inf, -math.inf)]
 )
 def test_a_time_range_beside_the_motion_is_refused(initial: float, final: float, tiny: Tiny) -> None:
     with pytest.raises(DataError, match=r"is outside .*moving\.mot, which covers 0 to 1 s; give") as failure:
