@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.opensim.workers import number_of_cores, started_early
 from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
@@ -22,7 +24,7 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     With a plain setup file the answer is that of OpenSim's own static optimization. Exit code 0: all frames
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
-    with exit_codes(verbose):
+    with exit_codes(verbose), started_early(_most_workers(source, changes)):
         with undisturbed():
             from scso_nlp.report.folder import refuse_unwritable
             from scso_nlp.run import run as solve
@@ -37,6 +39,14 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         _tell_files(result, write_run(result, where))
         if not result.solution.verdict.is_clean:
             raise typer.Exit(FRAME_FAILED)
+
+
+def _most_workers(source: Path, changes: Mapping[str, Any]) -> int:
+    """Return how many workers may be needed, as far as options tell."""
+    if not source.is_file() or changes["cache"] is not None:
+        return 0
+    told = changes["processes"] or ""
+    return int(told) if told.isdecimal() else number_of_cores()
 
 
 def _tell_answer(result: RunResult) -> None:

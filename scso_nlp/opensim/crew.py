@@ -1,4 +1,4 @@
-"""Worker processes: start them, watch them, bring their arrays home, leave none behind.
+"""What workers do: give them a job, watch them, bring their arrays home, leave none behind.
 
 OpenSim never releases Python's lock, so every core gets a process of its own. One that dies, however it dies,
 ends the extraction with a sentence that says which one, how far it was and what OpenSim said last.
@@ -9,23 +9,18 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import queue
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import IO, Any
 
 from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
-from scso_nlp.files import lock
 from scso_nlp.io.storage import Storage, write_storage
 from scso_nlp.opensim.worker.exchange import (
     LOAD_DATA,
@@ -38,27 +33,14 @@ from scso_nlp.opensim.worker.exchange import (
     write_job,
     write_request,
 )
-from scso_nlp.signals import undisturbed
+from scso_nlp.opensim.workers import PATIENCE, Workers, number_of_cores, some_workers
 
 logger = logging.getLogger("scso_nlp")
 
-#: What a worker runs: this copy of the package, whatever else is installed or lies in the current folder.
-PROGRAM = """
-import sys
-sys.path.insert(0, sys.argv[1])
-import scso_nlp
-del sys.path[0]
-from scso_nlp.opensim.worker.process import main
-sys.exit(main(sys.argv[2:]))
-"""
-#: Names of folders for temporary files start with it.
-TEMPORARY = "scso_worker_"
 #: A bar appears only when the extraction lasts longer [s].
 PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
 MIN_FRAMES_PER_WORKER = 4
-#: How long a worker may take to end after it was asked to [s].
-PATIENCE = 5.0
 #: A crew that says nothing for so long is given up [s]. Frames take milliseconds to seconds, large models
 #: seconds to load; time in which this process is stopped itself does not count.
 SILENCE = 300.0
@@ -72,8 +54,7 @@ def number_of_workers(n_frames: int, processes: int | None) -> int:
     """Return how many processes to start: as asked, else one per core this process may use, fewer if idle."""
     if processes is not None:
         return max(min(processes, n_frames), 1)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(min(cores, n_frames // MIN_FRAMES_PER_WORKER), 1)
+    return max(min(number_of_cores(), n_frames // MIN_FRAMES_PER_WORKER), 1)
 
 
 def extract(
@@ -101,13 +82,14 @@ def extract(
     EngineError
         OpenSim refused the input, a worker died, or there is no room for them or their temporary files.
     """
-    with _own_folder() as folder:
+    with _workers_with_room() as workers:
+        workers.become(n_workers)
         xml, data = external_loads or (None, None)
         if data is not None:
-            write_storage(data, folder / LOAD_DATA)
-        write_job(folder, job, xml)
-        _Crew(folder, n_workers).work(sys.stderr.isatty() if progress is None else progress)
-        return read_result(folder, n_workers)
+            write_storage(data, workers.folder / LOAD_DATA)
+        write_job(workers.folder, job, xml)
+        _Crew(workers).work(sys.stderr.isatty() if progress is None else progress)
+        return read_result(workers.folder, n_workers)
 
 
 def describe(request: Request) -> dict[str, Any]:
@@ -118,24 +100,19 @@ def describe(request: Request) -> dict[str, Any]:
     ScsoError, EngineError
         As for :func:`extract`.
     """
-    with _own_folder() as folder:
-        write_request(folder, request)
-        _Crew(folder, 1).work(progress=False)
-        return read_header(folder, 0)
+    with _workers_with_room() as workers:
+        workers.become(1)
+        write_request(workers.folder, request)
+        _Crew(workers).work(progress=False)
+        return read_header(workers.folder, 0)
 
 
 @contextlib.contextmanager
-def _own_folder() -> Iterator[Path]:
-    """Make a locked folder for temporary files and remove it in the end; those of killed processes too."""
-    folder, descriptors = None, []
+def _workers_with_room() -> Iterator[Workers]:
+    """Give workers and their folder for a while; what the system refuses is an error of this package."""
     try:
-        _remove_orphans()
-        # another run may take it for an orphan before it is locked
-        while folder is None or not folder.is_dir():
-            folder = Path(tempfile.mkdtemp(prefix=TEMPORARY))
-            with contextlib.suppress(OSError):
-                descriptors.append(lock(folder, wait=True))
-        yield folder
+        with some_workers() as workers:
+            yield workers
     except BrokenPipeError:
         # of a progress bar that nobody reads any more
         raise
@@ -144,75 +121,35 @@ def _own_folder() -> Iterator[Path]:
             f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
             "stand where TMPDIR says)"
         ) from None
-    finally:
-        with undisturbed():
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
-        for descriptor in filter(None, descriptors):
-            os.close(descriptor)
-
-
-def _remove_orphans() -> None:
-    for folder in Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*"):
-        # that of a run is locked
-        with contextlib.suppress(OSError):
-            descriptor = lock(folder)
-            if descriptor is not None:
-                shutil.rmtree(folder, ignore_errors=True)
-                os.close(descriptor)
-
-
-def worker_environment() -> dict[str, str]:
-    """Return this process's environment without what would make OpenSim load foreign libraries.
-
-    ``import opensim`` puts its own folder into ``LD_LIBRARY_PATH``, and both OpenSim and CasADi carry a
-    library of the same name. Folders that hold one are dropped; all else stays.
-
-    Returns
-    -------
-    dict of str to str
-        A copy; ``os.environ`` is not changed.
-    """
-    environment = dict(os.environ)
-    folders = environment.pop("LD_LIBRARY_PATH", "").split(os.pathsep)
-    kept = [folder for folder in folders if folder and not any(Path(folder).glob("libcasadi*"))]
-    if kept:
-        environment["LD_LIBRARY_PATH"] = os.pathsep.join(kept)
-    environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1"}
-    return environment
 
 
 class _Crew:
-    """The worker processes of one extraction: started together, ended together."""
+    """The workers of one extraction, listened to until all are done."""
 
-    def __init__(self, folder: Path, n_workers: int) -> None:
-        self.folder = folder
-        self.n_workers = n_workers
+    def __init__(self, workers: Workers) -> None:
+        self.workers = workers
+        self.folder = workers.folder
+        self.n_workers = len(workers.processes)
         #: frames done and to do, per worker
-        self.frames = [0] * n_workers
-        self.shares = [0] * n_workers
+        self.frames = [0] * self.n_workers
+        self.shares = [0] * self.n_workers
         self.messages: queue.SimpleQueue[tuple[int, dict[str, Any] | None]] = queue.SimpleQueue()
 
     def work(self, progress: bool) -> None:
-        """Run all workers to their end; whatever goes wrong, none is left behind."""
-        crew: list[subprocess.Popen[str]] = []
+        """Let all workers do what they are asked for; whatever goes wrong, none is left behind."""
+        crew = self.workers.processes
         readers: list[threading.Thread] = []
         try:
-            for part in range(self.n_workers):
-                crew.append(_start(self.folder, part, self.n_workers))
-                reader = threading.Thread(target=self._listen, args=(part, crew[part].stdout), daemon=True)
+            for part, process in enumerate(crew):
+                reader = threading.Thread(target=self._listen, args=(part, process.stdout), daemon=True)
                 reader.start()
                 readers.append(reader)
+            self.workers.begin()
             self._wait(crew, progress)
         finally:
-            with undisturbed():
-                _end(crew)
+            self.workers.end()
             for reader in readers:
                 reader.join(PATIENCE)
-            for process in crew:
-                for stream in (process.stdin, process.stdout):
-                    if stream is not None:
-                        stream.close()
             self._pass_log_on()
 
     def _listen(self, part: int, stream: IO[str] | None) -> None:
@@ -298,33 +235,6 @@ class _Crew:
         for line in dict.fromkeys(lines):
             if line.startswith(("[warning]", "[error]")):
                 logger.debug("OpenSim: %s", line)
-
-
-def _start(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
-    package = Path(exceptions.__file__).parents[1]
-    return subprocess.Popen(
-        [sys.executable, "-P", "-c", PROGRAM, str(package), str(folder), str(part), str(parts)],
-        # never written to: it closes when this process ends, however it ends
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=worker_environment(),
-        encoding="utf-8",
-        errors="replace",
-        cwd=folder,
-    )
-
-
-def _end(crew: list[subprocess.Popen[str]]) -> None:
-    for process in crew:
-        if process.poll() is None:
-            process.terminate()
-    for process in crew:
-        try:
-            process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
 
 def _refusal(kind: str, message: str) -> ScsoError:

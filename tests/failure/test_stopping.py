@@ -50,20 +50,20 @@ programs.compile_ipopt = lambda nlp, options, **_: Slow(nlp)
 
 #: Lets the worker take a second for every frame, and says when it begins.
 SLOW_WORKER = """
-import scso_nlp.opensim.crew as crew
+import scso_nlp.opensim.workers as workers
 SLOW = '''
 import time
 from scso_nlp.opensim.worker.extraction import Extraction
 fast = Extraction.frame
 Extraction.frame = lambda self, row: (time.sleep(1), fast(self, row))[1]
 '''
-crew.PROGRAM = crew.PROGRAM.replace("sys.exit(main(", SLOW + "sys.exit(main(")
-start = crew._start
+workers.PROGRAM = workers.PROGRAM.replace("sys.exit(main(", SLOW + "sys.exit(main(")
+start = workers._start
 def told(*arguments):
     process = start(*arguments)
     print("now", flush=True)
     return process
-crew._start = told
+workers._start = told
 """
 
 #: Says when three of the earlier files have left the folder, and holds up what follows.

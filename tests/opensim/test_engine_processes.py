@@ -27,7 +27,7 @@ from scso_nlp.exceptions import DataError, EngineError, FileFormatError, NameMis
 from scso_nlp.figures.muscle_lines import plot_muscle_lines
 from scso_nlp.files import lock, sha256
 from scso_nlp.io.bundle import load_bundle, read_provenance
-from scso_nlp.opensim import crew, engine
+from scso_nlp.opensim import crew, engine, workers
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.opensim.setup_xml import read_analyze_setup
 from scso_nlp.opensim.worker.exchange import Result
@@ -142,14 +142,14 @@ def test_a_file_that_changes_before_opensim_has_read_it_is_refused_and_nothing_i
         "<ForceSet",
         f"<ContactGeometrySet><objects>{surface}</objects></ContactGeometrySet><ForceSet",
     )
-    cache, start = tiny.folder / "cache", crew._start
+    cache, start = tiny.folder / "cache", workers._start
 
-    def later(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
+    def later(folder: Path, part: int) -> subprocess.Popen[str]:
         spoil(tiny.folder / file)
-        monkeypatch.setattr(crew, "_start", start)
-        return start(folder, part, parts)
+        monkeypatch.setattr(workers, "_start", start)
+        return start(folder, part)
 
-    monkeypatch.setattr(crew, "_start", later)
+    monkeypatch.setattr(workers, "_start", later)
     with pytest.raises(DataError) as refused:
         load_motion(tiny.setup, cache=cache, processes=1)
     name = tiny.folder / file
@@ -283,7 +283,7 @@ def test_the_environment_of_workers_has_no_folder_with_a_foreign_casadi(
         folder.mkdir()
     (foreign / "libcasadi.so.3.7").touch()
     monkeypatch.setenv("LD_LIBRARY_PATH", f"{foreign}{os.pathsep}{plain}")
-    assert crew.worker_environment()["LD_LIBRARY_PATH"] == str(plain)
+    assert workers.worker_environment()["LD_LIBRARY_PATH"] == str(plain)
     assert os.environ["LD_LIBRARY_PATH"] == f"{foreign}{os.pathsep}{plain}"
 
 
@@ -309,8 +309,9 @@ def test_a_worker_killed_from_outside_ends_the_run_with_its_name(
     moment: str, tiny: Tiny, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the same worker, but slow enough to be met half-way
-    monkeypatch.setattr(crew, "PROGRAM", crew.PROGRAM.replace("sys.exit(main(", SLOW + "sys.exit(main("))
-    assert SLOW in crew.PROGRAM
+    program = workers.PROGRAM.replace("sys.exit(main(", SLOW + "sys.exit(main(")
+    monkeypatch.setattr(workers, "PROGRAM", program)
+    assert SLOW in workers.PROGRAM
     before = set(_children())
     seen: list[int] = []
 
@@ -341,18 +342,18 @@ def test_a_worker_that_gets_no_further_is_ended_with_a_sentence(
     tiny: Tiny, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(crew, "SILENCE", 3.0)
-    monkeypatch.setattr(crew, "PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "PATIENCE", 0.5)
     before = set(_children())
     seen: list[int] = []
-    start = crew._start
+    start = workers._start
 
-    def stopped(folder: Path, part: int, parts: int) -> subprocess.Popen[str]:
-        process = start(folder, part, parts)
+    def stopped(folder: Path, part: int) -> subprocess.Popen[str]:
+        process = start(folder, part)
         seen.append(process.pid)
         os.kill(process.pid, signal.SIGSTOP)
         return process
 
-    monkeypatch.setattr(crew, "_start", stopped)
+    monkeypatch.setattr(workers, "_start", stopped)
     with pytest.raises(EngineError, match=r"worker 1 of 1 got no further for 3 s before its first frame"):
         load_motion(tiny.setup, processes=1)
     assert len(seen) == 1
@@ -364,7 +365,7 @@ def test_folders_of_killed_programs_are_removed_and_no_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    names = {what: tmp_path / f"{crew.TEMPORARY}{what}" for what in ("killed", "running", "empty")}
+    names = {what: tmp_path / f"{workers.TEMPORARY}{what}" for what in ("killed", "running", "empty")}
     for folder in names.values():
         folder.mkdir()
     for what in ("killed", "running"):
@@ -376,7 +377,7 @@ def test_folders_of_killed_programs_are_removed_and_no_others(
     try:
         with pytest.raises(BlockingIOError):
             lock(names["running"])
-        with crew._own_folder() as own:
+        with workers._own_folder() as own:
             left = {path for path in tmp_path.iterdir() if path != own}
             assert left == {names["running"], tmp_path / "scso_of_mine"}
     finally:
@@ -397,8 +398,8 @@ def test_a_folder_that_another_run_takes_for_an_orphan_is_made_again(
             folder.rmdir()
         return lock(folder, wait=wait)
 
-    monkeypatch.setattr(crew, "lock", late)
-    with crew._own_folder() as own:
+    monkeypatch.setattr(workers, "lock", late)
+    with workers._own_folder() as own:
         assert own.is_dir()
         assert own not in taken
         with pytest.raises(BlockingIOError):

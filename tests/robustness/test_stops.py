@@ -54,8 +54,8 @@ PYTHON = [sys.executable, "-c", SCRIPT]
 #: The command, with a worker's silence ended after two seconds.
 IMPATIENT = """
 import sys
-import scso_nlp.opensim.crew as crew
-crew.SILENCE, crew.TICK, crew.PATIENCE = 2.0, 0.2, 0.5
+import scso_nlp.opensim.crew as crew, scso_nlp.opensim.workers as workers
+crew.SILENCE, crew.TICK, crew.PATIENCE, workers.PATIENCE = 2.0, 0.2, 0.5, 0.5
 from scso_nlp.cli import app
 app(sys.argv[1:])
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -11,7 +12,7 @@ import textwrap
 import threading
 import time
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,12 @@ PARENT_GONE = 4
 
 
 def main(arguments: list[str]) -> int:
-    """Do one share of the job in a folder: the arguments are the folder, which share, and how many."""
-    folder, part, parts = Path(arguments[0]), int(arguments[1]), int(arguments[2])
+    """Wait for the job in a folder and do one share of it: the arguments are the folder and which share."""
+    folder, part = Path(arguments[0]), int(arguments[1])
     parent = _talk_to_parent_only(log_file(folder, part))
+    # OpenSim prints when it is imported: only now does that go to the log
+    importlib.import_module("scso_nlp.opensim.worker.extraction")
+    parts = _wait_for_job(folder)
     _end_with_parent(folder)
     try:
         request = read_request(folder)
@@ -67,7 +71,6 @@ def main(arguments: list[str]) -> int:
 def work(job: Job, folder: Path, part: int, parts: int, parent: TextIO) -> None:
     """Compute and write every array of one share of the frames and tell the parent how far it is."""
     started = time.perf_counter()
-    # OpenSim prints when it is imported: only now does that go to the log
     from scso_nlp.opensim.worker.extraction import Extraction
 
     extraction = Extraction(job)
@@ -125,16 +128,29 @@ def _with_file(message: str, request: Request) -> str:
     return message if any(file and file in message for file in files) else f"{model}: {message}"
 
 
+def _wait_for_job(folder: Path) -> int:
+    """Return how many shares the job has, once the parent says that it is in the folder."""
+    line = b""
+    while not line.endswith(b"\n"):
+        line += os.read(0, 1) or _leave(folder)
+    return int(line)
+
+
 def _end_with_parent(folder: Path) -> None:
-    """Clear the folder away and end when the parent is killed: its end of the standard input closes then."""
+    """End when the parent is killed: its end of the standard input closes then."""
 
     def watch() -> None:
         while os.read(0, 1):
             pass
-        shutil.rmtree(folder, ignore_errors=True)
-        os._exit(PARENT_GONE)
+        _leave(folder)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _leave(folder: Path) -> NoReturn:
+    """Clear the folder of a parent that is gone away, and end."""
+    shutil.rmtree(folder, ignore_errors=True)
+    os._exit(PARENT_GONE)
 
 
 def _plain(message: str, request: Request) -> str:
