@@ -122,6 +122,11 @@ class ActivationDynamics(FramePairConstraint):
     themselves, and one frame more than there are rows has them: where activations do not touch a bound, the
     excitations of neighbouring frames may alternate about the smooth course. Activations do not.
 
+    Rates of activation that excitations between bounds can reach are not a convex set: at a large smoothness
+    the largest is (e_max - a)/(tau_a z), which is convex in activation, and the smallest (e_min - a) z/tau_d,
+    which is concave. A motion may therefore have several optima of slightly different effort; the one that is
+    found is reported, and :func:`solve_trajectory` may find another from another ``initial_guess``.
+
     References
     ----------
     De Groote et al. (2016), Ann Biomed Eng 44:2922-2936.

@@ -259,6 +259,22 @@ def test_a_sharp_transition_gives_thelens_rates(rng):
             np.testing.assert_allclose(soft, rate(e, a, 0.01, 0.04, b), rtol=1e-13)
 
 
+@pytest.mark.parametrize(("limit", "sign"), [(1.0, 1.0), (0.0, -1.0)])
+def test_rates_between_excitations_are_not_a_convex_set(rng, limit, sign):
+    """Halfway between two motions at full (or no) excitation, the mean rate asks for more (or less).
+
+    The excitation behind a rate is a + v tau z on the rise and a + v tau/z on the fall: Thelen's rates.
+    """
+    a = rng.uniform(0.1, 0.9, (2, 20))
+    v = np.array(
+        [[float(activation_rate(limit, x, 0.01, 0.04, 200.0)) for x in activations] for activations in a]
+    )
+    middle, wanted = a.mean(axis=0), v.mean(axis=0)
+    z = 0.5 + 1.5 * middle
+    excitation = middle + wanted * (0.01 * z if sign > 0 else 0.04 / z)
+    assert (sign * (excitation - limit) > 0).all()
+
+
 @pytest.mark.parametrize("smoothness", [0.0, -1.0, np.nan, np.inf])
 def test_a_smoothness_that_is_not_positive_is_refused(smoothness):
     with pytest.raises(scso.ProblemError, match=f"smoothness is {smoothness:g}, expected a positive number"):
