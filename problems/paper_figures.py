@@ -35,7 +35,7 @@ from scso_nlp.figures import (
     save_figure,
 )
 from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
-from scso_nlp.figures.style import QUIET, TEXT, series_style
+from scso_nlp.figures.style import LEAST_TEXT, QUIET, series_style
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.stability.hessian import hessian_terms
 from scso_nlp.validation import FloatArray
@@ -456,7 +456,7 @@ def task_figure(simulation: Tasks, tasks: str) -> Figure:
             panel.axhline(implied, color=QUIET, linewidth=1.2, linestyle=(0, (1, 1)))
             panel.annotate(
                 "mean EMG, implied", (0.98, implied), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                textcoords="offset points", ha="right", fontsize=TEXT - 1.5, color=QUIET,
+                textcoords="offset points", ha="right", fontsize=LEAST_TEXT, color=QUIET,
                 bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.5},
             )  # fmt: skip
     return figure

@@ -401,6 +401,11 @@ class MotionTrajectory:
         head = ("coordinate", "least", "most", "", "largest generalized force", "")
         return card(repr(self), table(head, rows))
 
+    @property
+    def is_at_rest(self) -> bool:
+        """True if no coordinate moves in any frame: then few frames are tasks rather than a movement."""
+        return not self.coordinate_speeds.any()
+
     def frames(self, start: int | Iterable[int], stop: int | None = None) -> MotionTrajectory:
         """Keep the frames from `start` up to but without `stop`, or the frames listed.
 

@@ -8,11 +8,16 @@ from scso_nlp.figures.contributions import plot_contributions as plot_contributi
 from scso_nlp.figures.frames import HorizontalAxis as HorizontalAxis
 from scso_nlp.figures.frames import percent_of_motion as percent_of_motion
 from scso_nlp.figures.muscle_lines import plot_muscle_lines as plot_muscle_lines
+from scso_nlp.figures.quantity import QUANTITIES as QUANTITIES
+from scso_nlp.figures.quantity import plot_quantity as plot_quantity
 from scso_nlp.figures.saving import draw_and_save as draw_and_save
 from scso_nlp.figures.saving import save_figure as save_figure
+from scso_nlp.figures.series import Series as Series
+from scso_nlp.figures.solution import activation_pages as activation_pages
 from scso_nlp.figures.solution import plot_activations as plot_activations
 from scso_nlp.figures.solution import plot_moments as plot_moments
 from scso_nlp.figures.solution import plot_stability as plot_stability
+from scso_nlp.figures.solution import series_of as series_of
 from scso_nlp.figures.tendon_forces import TendonForceDifference as TendonForceDifference
 from scso_nlp.figures.tendon_forces import plot_tendon_forces as plot_tendon_forces
 from scso_nlp.figures.tendon_forces import tendon_force_difference as tendon_force_difference

@@ -22,10 +22,13 @@ from scso_nlp.figures.grid import add_legend, draw_curve, legend_entries, panel_
 from scso_nlp.figures.style import (
     BASELINE,
     EMG_COLOR,
+    INCH,
+    LEAST_TEXT,
     QUIET,
     RESOLUTION,
     RESULT,
     TEXT,
+    TWO_COLUMNS,
     SeriesStyle,
     literal,
     quiet_axes,
@@ -35,8 +38,8 @@ from scso_nlp.validation import FloatArray, read_only
 
 #: Activations that stay below this are drawn on a scale up to this value [-].
 LEAST_SCALE = 0.1
-#: More groups than this get another row of bars.
-MOST_IN_A_ROW = 24
+#: Width of all bars of a row, of one bar, and of the groups' names; height of a row with names [mm].
+_BARS_WIDTH, _BAR_WIDTH, _NAME_WIDTH, _BARS_HEIGHT = 155.0, 2.0, 5.5, 42.0
 
 
 def plot_activity(comparison: Comparison, *, horizontal: HorizontalAxis | None = None) -> Figure:
@@ -93,9 +96,10 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
     used = comparison.is_used
     names = [literal(name) for name in comparison.group_names]
     n_bars = len(comparison.labels) + (comparison.emg is not None)
-    rows = np.array_split(np.arange(len(names)), max(math.ceil(len(names) / MOST_IN_A_ROW), 1))
-    width = max(5.0, 0.9 + len(rows[0]) * (0.25 + 0.16 * n_bars))
-    figure = Figure(figsize=(width, 0.8 + 2.8 * len(rows)), dpi=RESOLUTION, layout="constrained")
+    most = max(1, int(_BARS_WIDTH / max(_NAME_WIDTH, n_bars * _BAR_WIDTH)))
+    rows = np.array_split(np.arange(len(names)), max(math.ceil(len(names) / most), 1))
+    height = (12.0 + _BARS_HEIGHT * len(rows)) / INCH
+    figure = Figure(figsize=(TWO_COLUMNS / INCH, height), dpi=RESOLUTION, layout="constrained")
     panels = figure.subplots(len(rows), squeeze=False, sharey=True)[:, 0]
     means = {label: activity[used].mean(axis=0) for label, activity in comparison.activity.items()}
     measured = None if comparison.emg is None else comparison.emg[used].mean(axis=0)
@@ -109,12 +113,14 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
             None if deviation is None else deviation[row],
             hatched=True,
         )
-        panel.set_xticks(range(len(row)), [names[g] for g in row], rotation=35, ha="right", fontsize=TEXT)
+        panel.set_xticks(
+            range(len(row)), [names[g] for g in row], rotation=35, ha="right", fontsize=LEAST_TEXT
+        )
         panel.set_xlim(-0.6, len(rows[0]) - 0.4)
         panel.set_ylim(bottom=0)
-        panel.set_ylabel("Mean activation [-]", fontsize=TEXT + 1)
+        panel.set_ylabel("Mean activation [-]", fontsize=TEXT)
     title = literal(f"{comparison.results[0].name}: mean over the motion")
-    panels[0].set_title(title, fontsize=TEXT + 2, loc="left")
+    panels[0].set_title(title, fontsize=TEXT + 1, loc="left")
     entries = legend_entries(figure)
     figure.legend(
         list(entries.values()), list(entries), loc="outside lower center", ncols=min(n_bars, 6),
@@ -166,7 +172,7 @@ def plot_task_bars(
     for g, panel in enumerate(panels):
         activities = {label: activity[:, g] for label, activity in comparison.activity.items()}
         _draw_bars(panel, activities, None if comparison.emg is None else comparison.emg[:, g])
-        panel.set_xticks(range(n_tasks), list(map(literal, tasks)), fontsize=TEXT - 1)
+        panel.set_xticks(range(n_tasks), list(map(literal, tasks)), fontsize=LEAST_TEXT)
     add_legend(figure)
     return figure
 

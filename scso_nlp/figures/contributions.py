@@ -15,6 +15,8 @@ from scso_nlp.figures import style
 NEGLIGIBLE_SHARE = 0.01
 #: Muscles shown in the heat map at most.
 MOST_MUSCLES = 40
+#: Height of a row of the heat map [mm], and the most columns that are wide enough for numbers.
+_ROW, _MOST_NUMBERS = 5.0, 20
 
 
 @checked
@@ -47,18 +49,19 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     shown = values[:, order]
     names = [style.literal(contributions.muscles[m]) for m in order]
     n_rows, n_columns = shown.shape
+    height = 30.0 + _ROW * n_rows
     figure = Figure(
-        figsize=(max(5.0, 2.2 + 0.27 * n_columns), max(2.6, 1.9 + 0.27 * n_rows)),
+        figsize=(style.TWO_COLUMNS / style.INCH, height / style.INCH),
         dpi=style.RESOLUTION,
         layout="constrained",
     )
     panel = figure.subplots()
     limit = float(np.abs(shown).max()) or 1.0
     cells = panel.pcolormesh(
-        shown, cmap="RdBu", norm=Normalize(-limit, limit), edgecolors="white", linewidth=0.8
+        shown, cmap="RdBu", norm=Normalize(-limit, limit), edgecolors="white", linewidth=0.5
     )
     panel.invert_yaxis()
-    panel.set_xticks(np.arange(n_columns) + 0.5, names, rotation=90, fontsize=style.TEXT - 1)
+    panel.set_xticks(np.arange(n_columns) + 0.5, names, rotation=90, fontsize=style.LEAST_TEXT)
     loads = contributions.constant[solved].mean(axis=0)
     panel.set_yticks(
         np.arange(n_rows) + 0.5,
@@ -66,15 +69,15 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
             f"{style.literal(row)}  (load {_whole(load)})"
             for row, load in zip(contributions.rows, loads, strict=True)
         ],
-        fontsize=style.TEXT - 1,
+        fontsize=style.LEAST_TEXT,
     )
-    if n_rows * n_columns <= 200:
+    if n_columns <= _MOST_NUMBERS:
         for r in range(n_rows):
             for c in range(n_columns):
                 dark = abs(shown[r, c]) > 0.55 * limit
                 panel.text(
                     c + 0.5, r + 0.5, _whole(shown[r, c]), ha="center", va="center",
-                    fontsize=style.TEXT - 2.5, color="white" if dark else "black",
+                    fontsize=style.LEAST_TEXT, color="white" if dark else "black",
                 )  # fmt: skip
     panel.tick_params(length=0)
     title = "What each muscle adds to the stability of each axis"
@@ -82,9 +85,9 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
         title += f" ({n_columns} of {len(contributions.muscles)} muscles)"
     # of the figure, not of the panel: the panel may be narrower than the text
     figure.suptitle(title, fontsize=style.TEXT + 1, x=0.01, ha="left")
-    bar = figure.colorbar(cells, ax=panel, shrink=0.9)
+    bar = figure.colorbar(cells, ax=panel, fraction=0.03, pad=0.01)
     bar.set_label("N·m/rad", fontsize=style.TEXT)
-    bar.ax.tick_params(labelsize=style.TEXT - 1)
+    bar.ax.tick_params(labelsize=style.LEAST_TEXT)
     return figure
 
 

@@ -88,13 +88,19 @@ def frame_edges(x: FloatArray) -> FloatArray:
     return np.concatenate(([2 * x[0] - middles[0]], middles, [2 * x[-1] - middles[-1]]))
 
 
+def spans(x: FloatArray, are_in: BoolArray) -> FloatArray:
+    """Find the runs of frames that are in, half a frame more at both ends, shape (n_spans, 2) [as x]."""
+    edges = frame_edges(x)
+    padded = np.concatenate(([False], are_in, [False]))
+    starts, stops = np.flatnonzero(padded[1:] & ~padded[:-1]), np.flatnonzero(padded[:-1] & ~padded[1:])
+    return np.column_stack((edges[starts], edges[stops]))
+
+
 def shade_failed(panel: Axes, x: FloatArray, is_solved: BoolArray) -> None:
     """Shade the frames that are not solved, one span for each run of them."""
-    edges = frame_edges(x)
-    failed = np.concatenate(([False], ~is_solved, [False]))
-    starts, stops = np.flatnonzero(failed[1:] & ~failed[:-1]), np.flatnonzero(failed[:-1] & ~failed[1:])
-    if starts.size:
+    found = spans(x, ~is_solved)
+    if found.size:
         panel.broken_barh(
-            list(zip(edges[starts], edges[stops] - edges[starts], strict=True)), (0, 1), zorder=0,
+            [(start, stop - start) for start, stop in found], (0, 1), zorder=0,
             transform=panel.get_xaxis_transform(), color="0.8", linewidth=0, label="not solved",
         )  # fmt: skip

@@ -86,7 +86,7 @@ def plot_muscle_lines(
             panel.set_ylim(low[up] - margin, high[up] + margin)
             panel.set_aspect("equal")
             panel.xaxis.set_major_locator(MaxNLocator(3))
-            panel.tick_params(labelsize=style.TEXT - 2, labelleft=column == 0)
+            panel.tick_params(labelsize=style.LEAST_TEXT, labelleft=column == 0)
             panel.spines[["top", "right"]].set_visible(False)
             if column == 0:
                 panel.set_ylabel(f"{view} view, y [m]", fontsize=style.TEXT)
@@ -95,7 +95,7 @@ def plot_muscle_lines(
                 style.panel_title(panel, titles[column] if titles else f"frame {k}")
     bar = figure.colorbar(ScalarMappable(norm=scale, cmap=colors), ax=panels, shrink=0.6, pad=0.02)
     bar.set_label("Activation [-]", fontsize=style.TEXT)
-    bar.ax.tick_params(labelsize=style.TEXT - 1)
+    bar.ax.tick_params(labelsize=style.LEAST_TEXT)
     return figure
 
 

@@ -14,12 +14,11 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox, IdentityTransform
 
+from scso_nlp.figures.style import PAD, TICK
 from scso_nlp.validation import FloatArray
 
-#: Length of a tick, and from its end to its label [points].
-_LENGTH, _PAD = 3.5, 3.5
 #: From the labels of the horizontal axis to the factor below them [points].
-_LINE = 11.0
+_LINE = 9.0
 
 
 class Scales(Artist):
@@ -58,7 +57,7 @@ class Scales(Artist):
         """Make what is drawn, in pixels of the figure as it is now."""
         panel, figure = self._panel, self._panel.figure
         points = figure.dpi / 72
-        length, away, line = _LENGTH * points, (_LENGTH + _PAD) * points, _LINE * points
+        length, away, line = TICK * points, (TICK + PAD) * points, _LINE * points
         (left, low), (right, high) = panel.bbox.get_points()
         x, y = _Ticks(panel, panel.xaxis), _Ticks(panel, panel.yaxis)
         grid = [((a, low), (a, high)) for a in x.places if x.has_grid]
@@ -66,15 +65,17 @@ class Scales(Artist):
         marks = [((a, low), (a, low - length)) for a in x.places]
         marks += [((left, b), (left - length, b)) for b in y.places]
         parts: list[PathPatch | Text] = [
-            _lines(grid, color="0.9", linewidth=0.6),
-            _lines(marks, color="black", linewidth=0.8),
+            _lines(grid, color="0.9", linewidth=0.5),
+            _lines(marks, color="black", linewidth=0.6),
         ]
         if x.has_labels:
-            look: dict[str, Any] = {"va": "top", "fontsize": x.label_size}
+            look: dict[str, Any] = {"va": "top", "fontsize": x.label_size, "rotation": x.rotation}
             for a, label in zip(x.places, x.labels, strict=True):
                 parts.append(Text(a, low - away, label, ha="center", **look))
             if x.factor:
-                parts.append(Text(right, low - away - line, x.factor, ha="right", **look))
+                parts.append(
+                    Text(right, low - away - line, x.factor, ha="right", va="top", fontsize=x.label_size)
+                )
         if y.has_labels:
             look = {"ha": "right", "fontsize": y.label_size}
             for b, label in zip(y.places, y.labels, strict=True):
@@ -103,7 +104,7 @@ class _Ticks:
         self.factor = formatter.get_offset()
         (look,) = axis.get_major_ticks(1)
         self.has_grid, self.has_labels = look.gridline.get_visible(), look.label1.get_visible()
-        self.label_size = look.label1.get_fontsize()
+        self.label_size, self.rotation = look.label1.get_fontsize(), look.label1.get_rotation()
 
 
 def _lines(ends: list[tuple[tuple[float, float], tuple[float, float]]], **look: Any) -> PathPatch:

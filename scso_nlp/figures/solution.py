@@ -1,35 +1,39 @@
-"""Figures of a solution: activations, moment balance, stability.
-
-Every function returns a new :class:`matplotlib.figure.Figure` and touches no global state, so that
-figures can be made without a display and from several threads. Tendon forces of several solutions beside
-each other are in :mod:`scso_nlp.figures.tendon_forces`, comparisons with EMG in
-:mod:`scso_nlp.figures.comparison`.
-"""
+"""Figures of one solution: activations, moments and stability, beside those of a baseline."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
-from scso_nlp.figures.frames import HorizontalAxis, horizontal_axis, shade_failed
-from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
-from scso_nlp.figures.style import BASELINE, MARK, QUIET, REQUIRED, RESULT, SeriesStyle
+from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
+from scso_nlp.figures.moments import folded
+from scso_nlp.figures.quantity import plot_quantity
+from scso_nlp.figures.series import MOST_PANELS, Series, all_names
+from scso_nlp.figures.sides import Sided, paired
+from scso_nlp.figures.style import BASELINE, MARK, REQUIRED, RESULT, TWO_COLUMNS, SeriesStyle
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import require_same_motion
 from scso_nlp.validation import FloatArray
 
-#: Least vertical range of moments and margins [N·m, N or N·m/rad].
-_LEAST_RANGE = 0.1
+#: Panels of a page that shows all muscles.
+PANELS_PER_PAGE = 40
 
 
 @checked
 def plot_activations(
-    solution: Solution, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+    solution: Solution,
+    *,
+    baseline: Solution | None = None,
+    horizontal: HorizontalAxis | None = None,
+    muscles: str = "",
+    width: float = TWO_COLUMNS,
 ) -> Figure:
-    """Draw the activation of every muscle, one panel each.
+    """Draw activations, left and right of a muscle in one panel.
 
     Parameters
     ----------
@@ -37,56 +41,86 @@ def plot_activations(
     baseline : Solution, optional
         Of the same motion, usually without stability rows; drawn behind.
     horizontal : HorizontalAxis, optional
-        Time by default.
+        Time by default; the numbers of the tasks where there are few frames in which nothing moves.
+    muscles : str
+        Names or patterns, separated by commas; ``"*"`` for all. By default the twelve whose activation
+        changes most from the baseline, or that are most active.
+    width : float [mm]
+        Of the figure on the page.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Frames that are not solved are left blank and shaded.
+        Frames that are not solved are left blank and shaded, saturated muscles are marked.
 
     Raises
     ------
     NameMismatchError
-        The baseline has other muscles.
+        The baseline has other muscles, or a pattern fits none.
     DataError
         The baseline has other frames, or the horizontal values are not one per frame.
     """
-    trajectory = solution.problem.motion.trajectory
-    axis = horizontal_axis(trajectory.time, horizontal)
-    name, baseline_name = _names(solution, baseline)
-    curves = [(_solved(solution, solution.activation), RESULT, name)]
-    if baseline is not None:
-        require_same_motion({"solution": trajectory, "baseline": baseline.problem.motion.trajectory})
-        curves.insert(0, (_solved(baseline, baseline.activation), BASELINE, baseline_name))
-    largest = max(float(np.nanmax(activation, initial=0.1)) for activation, *_ in curves)
-    figure, panels = panel_grid(
-        trajectory.muscles,
-        heading=f"{trajectory.name}: activations",
-        x_label=axis.label,
-        y_label="Activation [-]",
-        horizontal=axis,
-        y_range=(-0.05 * largest, 1.08 * largest),
+    both = _activations(solution, baseline)
+    n_pairs = len(paired(all_names(both)))
+    heading = f"{solution.problem.motion.name}: activations"
+    if not muscles and n_pairs > MOST_PANELS:
+        what = "that change most" if baseline is not None else "that are most active"
+        heading += f", the {MOST_PANELS} of {n_pairs} {what}"
+    return plot_quantity(
+        both, quantity="activation", names=muscles, width=width, heading=heading, horizontal=horizontal
     )
-    for m, panel in enumerate(panels):
-        for activation, look, label in curves:
-            draw_curve(panel, axis.values, activation[:, m], look, label=label)
-        shade_failed(panel, axis.values, solution.is_solved)
-    add_legend(figure)
-    return figure
 
 
 @checked
-def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None) -> Figure:
-    """Draw required, muscle and reserve moment of every coordinate.
+def activation_pages(solution: Solution, *, baseline: Solution | None = None) -> tuple[Figure, ...]:
+    """Draw all activations on pages: first the muscles that tell most, then all in the model's order.
 
-    The share of reserves and residuals (root mean square over that of the required moment) stands in
-    each panel.
+    Parameters
+    ----------
+    solution : Solution
+    baseline : Solution, optional
+        As for :func:`plot_activations`.
+
+    Returns
+    -------
+    tuple of matplotlib.figure.Figure
+        One page alone where it has all muscles.
+
+    Raises
+    ------
+    NameMismatchError, DataError
+        As for :func:`plot_activations`.
+    """
+    both = _activations(solution, baseline)
+    pairs = paired(all_names(both))
+    pages = [plot_activations(solution, baseline=baseline)]
+    heading = f"{solution.problem.motion.name}: activations, page"
+    for i in range(0, len(pairs) if len(pairs) > MOST_PANELS else 0, PANELS_PER_PAGE):
+        of_page = pairs[i : i + PANELS_PER_PAGE]
+        pages.append(plot_quantity(both, panels=of_page, heading=f"{heading} {len(pages) + 1}"))
+    return tuple(pages)
+
+
+@checked
+def plot_moments(
+    solution: Solution,
+    *,
+    horizontal: HorizontalAxis | None = None,
+    coordinates: str = "",
+    width: float = TWO_COLUMNS,
+) -> Figure:
+    """Draw required, muscle and reserve moment of coordinates, left and right in one panel.
 
     Parameters
     ----------
     solution : Solution
     horizontal : HorizontalAxis, optional
         Time by default.
+    coordinates : str
+        Names or patterns, separated by commas; ``"*"`` for all. By default those at which muscles and
+        reserves matter both; the others are told in sentences.
+    width : float [mm]
+        Of the figure on the page.
 
     Returns
     -------
@@ -94,41 +128,40 @@ def plot_moments(solution: Solution, *, horizontal: HorizontalAxis | None = None
 
     Raises
     ------
+    NameMismatchError
+        A pattern fits no coordinate.
     DataError
         The horizontal values are not one per frame.
     """
-    trajectory = solution.problem.motion.trajectory
     balance = solution.moment_balance
-    axis = horizontal_axis(trajectory.time, horizontal)
-    has_actuators = solution.control.shape[1] > 0
-    titles = [f"{name} [{unit}]" for name, unit in zip(balance.coordinates, balance.unit, strict=True)]
-    if has_actuators:
-        shares = balance.actuator_share
-        titles = [f"{title}\nreserves: {_percent(s)}" for title, s in zip(titles, shares, strict=True)]
-    figure, panels = panel_grid(
-        titles,
-        heading=f"{trajectory.name}: moment balance",
-        x_label=axis.label,
-        y_label="Moment or force",
-        horizontal=axis,
-    )
-    muscles = SeriesStyle(color=RESULT.color, line="--")
-    for c, panel in enumerate(panels):
-        draw_curve(panel, axis.values, balance.required[:, c], REQUIRED, label="required", width=2.4)
-        draw_curve(panel, axis.values, balance.muscles[:, c], muscles, label="muscles")
-        if has_actuators:
-            draw_curve(panel, axis.values, balance.actuators[:, c], MARK, label="reserves")
-        shade_failed(panel, axis.values, solution.is_solved)
-        _widen(panel)
-    add_legend(figure)
-    return figure
+    look = {"required": REQUIRED, "muscles": SeriesStyle(color=RESULT.color, line="--"), "reserves": MARK}
+    values = {"required": balance.required, "muscles": balance.muscles, "reserves": balance.actuators}
+    if solution.control.shape[1] == 0:
+        del values["reserves"]
+    series = [
+        _series(solution, label, balance.coordinates, table, balance.unit, look=look[label])
+        for label, table in values.items()
+    ]
+    panels: Sequence[Sided] = ()
+    notes: tuple[str, ...] = ()
+    if not coordinates:
+        panels, notes = folded(series[0], series[1])
+    return plot_quantity(
+        series, quantity="moment", names=coordinates, panels=panels, notes=notes, width=width,
+        heading=f"{solution.problem.motion.name}: moment balance", horizontal=horizontal,
+    )  # fmt: skip
 
 
 @checked
 def plot_stability(
-    solution: Solution, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+    solution: Solution,
+    *,
+    baseline: Solution | None = None,
+    horizontal: HorizontalAxis | None = None,
+    rows: str = "",
+    width: float = TWO_COLUMNS,
 ) -> Figure:
-    """Draw the stability margin of every row; frames in which the row is active are marked.
+    """Draw the stability of rows, left and right in one panel; what is below a row's level is shaded.
 
     Parameters
     ----------
@@ -139,6 +172,10 @@ def plot_stability(
         :meth:`~scso_nlp.MuscleForceProblem.without_stability`.
     horizontal : HorizontalAxis, optional
         Time by default.
+    rows : str
+        Names or patterns, separated by commas; ``"*"`` for all. By default the twelve of least margin.
+    width : float [mm]
+        Of the figure on the page.
 
     Returns
     -------
@@ -149,49 +186,102 @@ def plot_stability(
     DataError
         No stability rows, or the horizontal values are not one per frame.
     NameMismatchError
-        The baseline has other muscles.
+        The baseline has other muscles, or a pattern fits no row.
     """
-    trajectory = solution.problem.motion.trajectory
+    name = solution.problem.motion.name
     own = solution.stability
     if own is None:
-        raise DataError(
-            f"the solution of {trajectory.name!r} has no stability rows, expected a stability constraint"
-        )
-    other = None
+        raise DataError(f"the solution of {name!r} has no stability rows, expected a stability constraint")
+    label, baseline_label = _labels(solution, baseline)
+    series = [_stability(solution, label, RESULT)]
     if baseline is not None:
-        require_same_motion({"solution": trajectory, "baseline": baseline.problem.motion.trajectory})
-        other = baseline.stability
-    if other is not None and other.rows != own.rows:
-        other = None
-    axis = horizontal_axis(trajectory.time, horizontal)
-    x = axis.values
-    name, baseline_name = _names(solution, baseline)
-    figure, panels = panel_grid(
-        [row if v == 0 else f"{row}, level {v:g}" for row, v in zip(own.rows, own.level, strict=True)],
-        heading=f"{trajectory.name}: joint stability",
-        x_label=axis.label,
-        y_label="Margin S - level [N·m/rad]",
-        horizontal=axis,
+        _require_same(solution, baseline)
+        if baseline.stability is not None and baseline.stability.rows == own.rows:
+            series.insert(0, _stability(baseline, baseline_label, BASELINE))
+    return plot_quantity(
+        series, quantity="stability", names=rows, width=width, heading=f"{name}: joint stability",
+        horizontal=horizontal,
+    )  # fmt: skip
+
+
+def series_of(solution: Solution, quantity: str, label: str) -> Series:
+    """Take from a solution what a figure draws.
+
+    Parameters
+    ----------
+    solution : Solution
+    quantity : str
+        ``"activation"``, ``"force"`` or ``"stability"``.
+    label : str
+        For the legend.
+
+    Returns
+    -------
+    Series
+
+    Raises
+    ------
+    DataError
+        Another quantity, or a solution without stability rows.
+    """
+    muscles = solution.problem.motion.muscles
+    if quantity == "activation":
+        return _series(
+            solution, label, muscles.muscles, solution.activation, ("-",), highest=muscles.max_activation
+        )
+    if quantity == "force":
+        return _series(solution, label, muscles.muscles, solution.tendon_force, ("N",))
+    if quantity == "stability" and (margin := solution.stability) is not None:
+        return _series(solution, label, margin.rows, margin.stability, ("N·m/rad",), level=margin.level)
+    raise DataError(f"the solution {label!r} has no {quantity}, expected activation, force or stability")
+
+
+def _activations(solution: Solution, baseline: Solution | None) -> list[Series]:
+    label, baseline_label = _labels(solution, baseline)
+    found = [series_of(solution, "activation", label)]
+    if baseline is not None:
+        _require_same(solution, baseline)
+        found.insert(0, series_of(baseline, "activation", baseline_label))
+    return found
+
+
+def _stability(solution: Solution, label: str, look: SeriesStyle) -> Series:
+    return replace(series_of(solution, "stability", label), look=look)
+
+
+def _series(
+    solution: Solution,
+    label: str,
+    names: Sequence[str],
+    values: FloatArray,
+    units: Sequence[str],
+    *,
+    level: FloatArray | None = None,
+    highest: FloatArray | None = None,
+    look: SeriesStyle | None = None,
+) -> Series:
+    """Make a series of a table, shape (n_frames, n_names); frames that are not solved are blank."""
+    trajectory = solution.problem.motion.trajectory
+    return Series(
+        label=label,
+        time=trajectory.time,
+        names=tuple(names),
+        values=np.where(solution.is_solved[:, np.newaxis], values, np.nan),
+        units=tuple(units),
+        level=level,
+        highest=highest,
+        are_tasks=trajectory.is_at_rest and trajectory.n_frames <= FEW_FRAMES,
+        look=look,
     )
-    for r, panel in enumerate(panels):
-        panel.axhline(0.0, color=QUIET, linewidth=0.8)
-        if other is not None:
-            draw_curve(panel, x, other.margin[:, r], BASELINE, label=baseline_name)
-        draw_curve(panel, x, own.margin[:, r], RESULT, label=name)
-        active = own.is_active[:, r]
-        if active.any():
-            panel.plot(
-                x[active], own.margin[active, r], "s", markersize=4.5, color=MARK.color, zorder=4,
-                label="row active",
-            )  # fmt: skip
-        shade_failed(panel, x, solution.is_solved)
-        _widen(panel)
-    add_legend(figure)
-    return figure
 
 
-def _names(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
-    """Name both curves: by the stability rows that only one of them has, otherwise by their roles."""
+def _require_same(solution: Solution, baseline: Solution) -> None:
+    runs = {"solution": solution, "baseline": baseline}
+    require_same_motion({label: run.problem.motion.trajectory for label, run in runs.items()})
+
+
+def _labels(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
+    """Name both: by the stability rows that only one of them has, otherwise by their roles."""
     own, other = (
         run is not None and any(term in run.problem.stability_terms for term in run.problem.constraints)
         for run in (solution, baseline)
@@ -200,23 +290,3 @@ def _names(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
         return "solution", "baseline"
     plain, stable = "static optimization", "with stability rows"
     return (stable, plain) if own else (plain, stable)
-
-
-def _solved(solution: Solution, values: FloatArray) -> FloatArray:
-    """Blank the frames that are not solved."""
-    return np.where(solution.is_solved[:, np.newaxis], values, np.nan)
-
-
-def _percent(share: float) -> str:
-    """Two digits are enough for a share; a dash where there is none."""
-    if not np.isfinite(share):
-        return "-"
-    return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.1f} %"
-
-
-def _widen(panel: Axes) -> None:
-    """Keep round-off from filling a panel in which nothing happens."""
-    low, high = panel.get_ylim()
-    if high - low < _LEAST_RANGE:
-        middle = (low + high) / 2
-        panel.set_ylim(middle - _LEAST_RANGE / 2, middle + _LEAST_RANGE / 2)

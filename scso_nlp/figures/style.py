@@ -16,10 +16,18 @@ from matplotlib.ticker import MaxNLocator
 EMG_COLOR = "0.62"
 #: Color of text that explains.
 QUIET = "0.35"
-#: Size of text [points].
-TEXT = 8.0
+#: Size of text, and the least on the page [points]: journals ask for 6 to 8 at final size.
+TEXT, LEAST_TEXT = 7.0, 6.0
+#: Width of a figure over one and over both columns of a journal's page [mm].
+ONE_COLUMN, TWO_COLUMNS = 85.0, 175.0
+#: One inch [mm].
+INCH = 25.4
+#: Width of a curve [points].
+CURVE = 1.1
+#: Length of ticks, and from there to their labels [points].
+TICK, PAD = 2.5, 2.0
 #: Resolution of figures that are not vectors [dots per inch].
-RESOLUTION = 150
+RESOLUTION = 200
 
 _COLORS = ("#E69F00", "#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#000000")
 _LINES = ("--", "-", "-.", ":")
@@ -34,11 +42,14 @@ class SeriesStyle:
     ----------
     color, line, hatch : str
         As matplotlib has them.
+    weight: float [-]
+        Times the common width of curves.
     """
 
     color: str
     line: str
     hatch: str = ""
+    weight: float = 1.0
 
 
 def series_style(position: int) -> SeriesStyle:
@@ -57,7 +68,7 @@ RESULT = series_style(1)
 #: What a reader should notice: reserves, active rows.
 MARK = SeriesStyle(color=_COLORS[3], line="-")
 #: What was asked for.
-REQUIRED = SeriesStyle(color=_COLORS[6], line="-")
+REQUIRED = SeriesStyle(color=_COLORS[6], line="-", weight=1.8)
 
 
 def activation_colors() -> Colormap:
@@ -85,10 +96,11 @@ def panel_title(panel: Axes, text: str) -> None:
 
 def quiet_axes(panel: Axes) -> None:
     """Give a panel quiet axes with few ticks and a light grid behind the data."""
-    panel.tick_params(labelsize=TEXT - 1)
+    panel.tick_params(labelsize=LEAST_TEXT, length=TICK, pad=PAD, width=0.6)
+    panel.spines[["left", "bottom"]].set_linewidth(0.6)
     panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(color="0.9", linewidth=0.6)
+    panel.grid(color="0.9", linewidth=0.5)
     panel.set_axisbelow(True)
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        axis.get_offset_text().set_fontsize(TEXT - 1)
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        axis.get_offset_text().set_fontsize(LEAST_TEXT)

@@ -213,7 +213,7 @@ def _write(content: Storage | Iterable[str] | None, path: Path) -> None:
 #: How each figure is drawn by :mod:`scso_nlp.figures`, which is handed in because matplotlib takes half a
 #: second to import and only figures need it; None where there is nothing to draw. One entry per figure.
 FIGURES: dict[str, Callable[[Any, Solution, Solution | None], Any]] = {
-    "activations": lambda draw, solution, baseline: draw.plot_activations(solution, baseline=baseline),
+    "activations": lambda draw, solution, baseline: draw.activation_pages(solution, baseline=baseline),
     "moments": lambda draw, solution, _: draw.plot_moments(solution),
     "stability": lambda draw, solution, baseline: (
         draw.plot_stability(solution, baseline=baseline) if _has_rows(solution) else None
