@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -114,7 +115,7 @@ def _once(series: Series, x: FloatArray) -> Course:
 
 def _cut(series: Series, events: FloatArray) -> Course:
     cycles = np.empty((len(events) - 1, len(PERCENT), len(series.names)))
-    for c, (start, stop) in enumerate(zip(events[:-1], events[1:], strict=True)):
+    for c, (start, stop) in enumerate(itertools.pairwise(events)):
         at = start + PERCENT / 100 * (stop - start)
         for i, values in enumerate(series.values.T):
             cycles[c, :, i] = np.interp(at, series.time, values)

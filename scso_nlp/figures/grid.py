@@ -1,7 +1,8 @@
 """The one panel grid: a panel per muscle, group, coordinate or row, common labels, one legend below.
 
-A figure is as wide as it will be on the page, with text that can be read there. Margins are fixed and axes are
-not tied to each other: matplotlib's own ways, ``layout`` and ``sharex``, take many seconds for eighty panels.
+A figure is as wide as it will be on the page, with text that can be read there. Margins are fixed and axes
+are not tied to each other: matplotlib's own ways, ``layout`` and ``sharex``, take many seconds for eighty
+panels.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ _LEAST_PANEL, _ASPECT, _LOW, _HIGH = 24.0, 0.62, 15.0, 45.0
 _TIGHT_GAP, _WIDE_GAP = 3.5, 9.5
 #: Gap above a panel, and what each line of its title adds to it [mm].
 _ROW_GAP, _LINE = 2.0, 3.2
-#: Margins of the figure: beside the gap of the first column, without and with tick labels in it; at the right,
-#: below for tick labels and label, and above without and with a heading [mm].
-_LEFT, _LEFT_OWN, _RIGHT, _BOTTOM, _TOP, _HEADING = 8.5, 4.0, 2.5, 8.5, 0.5, 6.0
+#: Margins of the figure: beside the gap of the first column, without and with tick labels in it; at the
+#: right, below for tick labels and label, and above without and with a heading [mm].
+_LEFT, _LEFT_OWN, _RIGHT, _BOTTOM, _TOP, _HEADING = 8.5, 4.0, 3.0, 8.5, 0.5, 6.0
 #: Lines of the legend and of notes below it [mm].
 _LEGEND_LINE, _NOTE_LINE = 3.7, 2.9
 #: Least and largest width of a figure [mm].
 WIDTHS = (50.0, 500.0)
-#: Mean width of a character over the size of the text, and of a line or patch of the legend with its gaps [mm].
+#: Mean width of a character over the size of the text, and width of a line or patch of the legend [mm].
 _CHARACTER, _HANDLE = 0.58, 12.0
 
 

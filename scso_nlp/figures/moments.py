@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from scso_nlp.figures.series import MOST_PANELS, Series
 from scso_nlp.figures.sides import Sided, paired
-from scso_nlp.solution import NEGLIGIBLE_MOMENT
+from scso_nlp.solution.rows import NEGLIGIBLE_MOMENT
 from scso_nlp.validation import FloatArray, shown_names
 from scso_nlp.verdict import RESERVE_LIMIT
 

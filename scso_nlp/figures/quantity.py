@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -30,7 +31,6 @@ from scso_nlp.figures.style import (
     literal,
     series_style,
 )
-from scso_nlp.validation import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,10 @@ def plot_quantity(
         courses, x_label = over_time(series, horizontal)
     shown = tuple(panels) or (chosen(what.kind, names, series) if names else most_telling(series))
     units = {unit for each in series for unit in _units(each, shown)}
-    titles = [panel.title if len(units) < 2 else f"{panel.title} [{_unit(series, panel)}]" for panel in shown]
+    titles = [panel.title for panel in shown]
+    if len(units) > 1:
+        titles = [f"{title} [{_unit(series, panel)}]" for title, panel in zip(titles, shown, strict=True)]
+    titles = [f"{title}\n{panel.note}".strip() for title, panel in zip(titles, shown, strict=True)]
     figure, axes = panel_grid(
         titles,
         heading=heading,
@@ -205,14 +208,13 @@ def _draw_courses(axis: Axes, courses: Sequence[Course], panel: Sided, looks: Se
         for side, name in panel.members.items():
             cycles, label = course.of(name), _label(course, side)
             mean = cycles.mean(axis=0)
-            line = {"color": look.color, "linestyle": _SIDE_LINES.get(side, look.line)}
+            line: dict[str, Any] = {"color": look.color, "linestyle": _SIDE_LINES.get(side, look.line)}
             for cycle in cycles if len(cycles) > 1 else ():
                 axis.plot(course.x, cycle, **line, linewidth=0.4, alpha=0.6, label="_cycle")
-            marker = "o" if course.series.are_few else ""
-            axis.plot(
-                course.x, mean, **line, linewidth=CURVE * look.weight, label=label, marker=marker, markersize=2.5,
-                markerfacecolor="white" if side == "left" else look.color,
-            )  # fmt: skip
+            if course.series.are_few:
+                line |= {"marker": "o", "markersize": 2.5}
+                line |= {"markerfacecolor": "white" if side == "left" else look.color}
+            axis.plot(course.x, mean, **line, linewidth=CURVE * look.weight, label=label)
 
 
 def _draw_tasks(axis: Axes, courses: Sequence[Course], panel: Sided, looks: Sequence[SeriesStyle]) -> None:
@@ -242,7 +244,7 @@ def _mark_saturated(
             row += 1
 
 
-def _point(i: int, look: SeriesStyle, side: str) -> dict[str, object]:
+def _point(i: int, look: SeriesStyle, side: str) -> dict[str, Any]:
     """How the points of a series and side look; both sides are seen where they are equal."""
     is_left = side == "left"
     return {
@@ -281,24 +283,18 @@ def _entries(
     figure: Figure, courses: Sequence[Course], panels: Sequence[Sided], looks: Sequence[SeriesStyle], *,
     are_tasks: bool,
 ) -> Mapping[str, Artist]:  # fmt: skip
-    """What the legend says: series, sides, marks and shades, each where it is in the figure."""
+    """Put into the legend what is in the figure: series, sides, marks and shades."""
     entries: dict[str, Artist] = {}
     has_sides = any(len(panel.members) == 2 for panel in panels)
     drawn = {label for axis in figure.axes for label in axis.get_legend_handles_labels()[1]}
     for i, (course, look) in enumerate(zip(courses, looks, strict=True)):
         if len(courses) > 1 or not has_sides:
             entries[literal(course.series.label)] = (
-                Line2D([], [], **_point(i, look, ""))
-                if are_tasks
-                else Line2D([], [], color=look.color, linestyle=look.line, linewidth=CURVE * look.weight)
+                Line2D([], [], **_point(i, look, "")) if are_tasks else _line(look)
             )
     for side, line in _SIDE_LINES.items() if has_sides else ():
         gray = SeriesStyle(color=QUIET if len(courses) > 1 else looks[0].color, line=line)
-        entries[side] = (
-            Line2D([], [], **_point(0, gray, side))
-            if are_tasks
-            else Line2D([], [], color=gray.color, linestyle=line, linewidth=CURVE)
-        )
+        entries[side] = Line2D([], [], **_point(0, gray, side)) if are_tasks else _line(gray)
     if any(len(course.cycles) > 1 for course in courses):
         n = max(len(course.cycles) for course in courses)
         entries[f"thin: {n} cycles"] = Line2D([], [], color=QUIET, linewidth=0.4)
@@ -308,6 +304,11 @@ def _entries(
         if label in drawn:
             entries[label] = Patch(color=color, alpha=alpha, linewidth=0)
     return entries
+
+
+def _line(look: SeriesStyle) -> Line2D:
+    line: dict[str, Any] = {"color": look.color, "linestyle": look.line}
+    return Line2D([], [], **line, linewidth=CURVE * look.weight)
 
 
 def _widen(panel: Axes) -> None:

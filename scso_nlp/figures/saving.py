@@ -8,6 +8,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
@@ -24,7 +25,7 @@ FIGURE_FORMATS = ("png", "pdf")
 #: All formats that figures can be written in.
 ALL_FORMATS = ("pdf", "svg", "png")
 #: Text as letters of a font, not as outlines: it can be searched and edited, and journals ask for it.
-_LETTERS = {"pdf.fonttype": 42, "svg.fonttype": "none"}
+_LETTERS: Any = {"pdf.fonttype": 42, "svg.fonttype": "none"}
 
 
 def save_figure(

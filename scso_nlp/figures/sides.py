@@ -23,10 +23,13 @@ class Sided:
         The name without its side mark where both sides are there, otherwise the name.
     members : mapping of str to str
         Names by ``"right"`` and ``"left"``; or one name by ``""``.
+    note : str
+        Second line of the title.
     """
 
     title: str
     members: dict[str, str]
+    note: str = ""
 
 
 def paired(names: Sequence[str]) -> tuple[Sided, ...]:
@@ -52,11 +55,10 @@ def paired(names: Sequence[str]) -> tuple[Sided, ...]:
         by_stem.setdefault(stem, {}).setdefault(side or unmarked, name)
     found: dict[str, Sided] = {}
     for name, (stem, _) in marks.items():
-        both = {side: by_stem[stem][side] for side in ("right", "left") if side in by_stem[stem]}
-        if len(both) == 2 and name in both.values():
+        title, members = name, {"": name}
+        both: dict[str, str] = {side: by_stem[stem].get(side, "") for side in ("right", "left")}
+        if all(both.values()) and name in both.values():
             title, members = stem, both
-        else:
-            title, members = name, {"": name}
         found.setdefault(next(iter(members.values())), Sided(title=title, members=members))
     return tuple(found.values())
 

@@ -13,8 +13,8 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
 from scso_nlp.figures.moments import folded
 from scso_nlp.figures.quantity import plot_quantity
-from scso_nlp.figures.series import MOST_PANELS, Series, all_names
-from scso_nlp.figures.sides import Sided, paired
+from scso_nlp.figures.series import MOST_PANELS, Series, all_names, chosen
+from scso_nlp.figures.sides import paired
 from scso_nlp.figures.style import BASELINE, MARK, REQUIRED, RESULT, TWO_COLUMNS, SeriesStyle
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import require_same_motion
@@ -111,6 +111,9 @@ def plot_moments(
 ) -> Figure:
     """Draw required, muscle and reserve moment of coordinates, left and right in one panel.
 
+    The share of reserves and residuals (root mean square over that of the required moment) stands in each
+    panel, the right side's first.
+
     Parameters
     ----------
     solution : Solution
@@ -142,12 +145,17 @@ def plot_moments(
         _series(solution, label, balance.coordinates, table, balance.unit, look=look[label])
         for label, table in values.items()
     ]
-    panels: Sequence[Sided] = ()
-    notes: tuple[str, ...] = ()
-    if not coordinates:
-        panels, notes = folded(series[0], series[1])
+    panels, notes = folded(series[0], series[1])
+    if coordinates:
+        panels, notes = chosen("coordinate", coordinates, series), ()
+    if "reserves" in values:
+        shares = dict(zip(balance.coordinates, map(_percent, balance.actuator_share), strict=True))
+        panels = tuple(
+            replace(panel, note=f"reserves: {', '.join(shares[name] for name in panel.members.values())}")
+            for panel in panels
+        )
     return plot_quantity(
-        series, quantity="moment", names=coordinates, panels=panels, notes=notes, width=width,
+        series, quantity="moment", panels=panels, notes=notes, width=width,
         heading=f"{solution.problem.motion.name}: moment balance", horizontal=horizontal,
     )  # fmt: skip
 
@@ -290,3 +298,10 @@ def _labels(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
         return "solution", "baseline"
     plain, stable = "static optimization", "with stability rows"
     return (stable, plain) if own else (plain, stable)
+
+
+def _percent(share: float) -> str:
+    """Two digits are enough for a share; a dash where there is none."""
+    if not np.isfinite(share):
+        return "-"
+    return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.1f} %"

@@ -7,6 +7,7 @@ from drawn import drawn
 from scso_nlp.figures import style
 from scso_nlp.figures.frames import HorizontalAxis
 from scso_nlp.figures.grid import add_legend, draw_curve, panel_grid
+from scso_nlp.figures.style import INCH
 
 
 def test_no_two_results_look_alike():
@@ -47,9 +48,9 @@ def test_panels_of_one_scale_are_labelled_at_the_edges_of_the_grid_only():
     )
     drawn(figure)
     assert [panel.get_title(loc="left") for panel in panels] == titles
-    # three columns; below the last of the second row stands nothing
-    assert [is_labelled(panel.yaxis) for panel in panels] == [i % 3 == 0 for i in range(7)]
-    assert [is_labelled(panel.xaxis) for panel in panels] == [i >= 4 for i in range(7)]
+    # four columns; below the last of the first row stands nothing
+    assert [is_labelled(panel.yaxis) for panel in panels] == [i % 4 == 0 for i in range(7)]
+    assert [is_labelled(panel.xaxis) for panel in panels] == [i >= 3 for i in range(7)]
     # few frames have markers, and half a frame of room for them
     assert {panel.get_xlim() for panel in panels} == {(-0.5, 2.5)}
     assert {panel.get_ylim() for panel in panels} == {(0.0, 1.0)}
@@ -66,7 +67,8 @@ def test_nothing_is_cut_off_by_the_edges_of_the_page(n_panels, y_range):
     )  # fmt: skip
     box = drawn(figure).get_tightbbox()
     width, height = figure.get_size_inches()
-    assert box.x0 > 0.05
-    assert box.x1 < width - 0.02
-    assert box.y0 > 0.05
-    assert box.y1 < height - 0.02
+    margin = 0.5 / INCH
+    assert box.x0 > margin
+    assert box.x1 < width - margin
+    assert box.y0 > margin
+    assert box.y1 < height - margin

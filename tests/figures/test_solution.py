@@ -12,7 +12,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from solution_by_hand import antagonists, solution_by_hand
 
 from scso_nlp.exceptions import DataError, NameMismatchError
-from scso_nlp.figures import HorizontalAxis, plot_activations, plot_moments, plot_stability
+from scso_nlp.figures import (
+    HorizontalAxis,
+    activation_pages,
+    plot_activations,
+    plot_moments,
+    plot_stability,
+)
+from scso_nlp.figures.style import ONE_COLUMN, TWO_COLUMNS
 from scso_nlp.solver import observe
 
 
@@ -21,7 +28,7 @@ def lines(panel):
 
 
 def test_every_muscle_has_one_titled_panel_with_its_own_activation():
-    solution = solution_by_hand(n_pairs=3)
+    solution = solution_by_hand(21, n_pairs=3)
     figure = plot_activations(solution)
     titles = [panel.get_title(loc="left") for panel in figure.axes]
     assert tuple(titles) == solution.problem.motion.trajectory.muscles
@@ -42,17 +49,18 @@ def test_the_baseline_is_drawn_and_named():
 
 
 def test_frames_that_are_not_solved_are_blank_and_shaded():
-    solution = solution_by_hand(n_frames=7, failed=(2, 3, 6))
+    solution = solution_by_hand(n_frames=21, failed=(2, 3, 20))
     for figure in (plot_activations(solution), plot_stability(solution)):
         panel = figure.axes[0]
         curve = lines(panel)["solution" if "solution" in lines(panel) else "with stability rows"]
-        assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [2, 3, 6]
+        assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [2, 3, 20]
         (shade,) = [spans for spans in panel.collections if spans.get_label() == "not solved"]
-        # 2 and 3 share one span, 6 has its own; half a frame around them, from the lower to the upper end
+        # 2 and 3 share one span, 20 has its own; half a frame around them, from the lower to the upper end
         ends = [(path.vertices.min(axis=0), path.vertices.max(axis=0)) for path in shade.get_paths()]
         frame = curve.get_xdata()[1] - curve.get_xdata()[0]
-        spans = [[(1.5 * frame, 0), (3.5 * frame, 1)], [(5.5 * frame, 0), (6.5 * frame, 1)]]
+        spans = [[(1.5 * frame, 0), (3.5 * frame, 1)], [(19.5 * frame, 0), (20.5 * frame, 1)]]
         np.testing.assert_allclose(ends, spans)
+        assert "not solved" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
@@ -64,19 +72,30 @@ def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
         np.testing.assert_array_equal(drawn["required"].get_ydata(), required)
         np.testing.assert_allclose(drawn["muscles"].get_ydata(), 0.9 * required, atol=1e-12)
         np.testing.assert_allclose(drawn["reserves"].get_ydata(), 0.1 * required, atol=1e-12)
-        assert panel.get_title(loc="left") == f"hinge_{c} [N·m]\nreserves: 10 %"
+        assert panel.get_title(loc="left") == f"hinge_{c}\nreserves: 10 %"
+    assert figure.get_supylabel() == "Moment [N·m]"
 
 
-def test_active_frames_of_a_stability_row_are_marked():
+def test_stability_is_drawn_over_the_shade_of_what_is_below_its_level():
     solution = solution_by_hand()
     baseline = observe(solution_by_hand(stability=False, tonus=0.0), solution.problem.constraints[1])
     figure = plot_stability(solution, baseline=baseline)
     (panel,) = figure.axes
     drawn = lines(panel)
-    # at level 10 the row is active where the moment is zero: frames 0, 2 and 4
-    np.testing.assert_allclose(drawn["row active"].get_xdata(), [0.0, 0.5, 1.0])
-    np.testing.assert_allclose(drawn["with stability rows"].get_ydata(), [0, 9, 0, 9, 0], atol=1e-12)
-    np.testing.assert_allclose(drawn["static optimization"].get_ydata(), [-10, -1, -10, -1, -10], atol=1e-12)
+    # at level 10 the row is just kept where the moment is zero: frames 0, 2 and 4
+    np.testing.assert_allclose(drawn["with stability rows"].get_ydata(), [10, 19, 10, 19, 10], atol=1e-12)
+    np.testing.assert_allclose(drawn["static optimization"].get_ydata(), [0, 9, 0, 9, 0], atol=1e-12)
+    (shade,) = [patch for patch in panel.patches if patch.get_label() == "unstable: below its level"]
+    low, high = panel.get_ylim()
+    assert (shade.get_y(), shade.get_y() + shade.get_height()) == (low, 10.0)
+    assert low < 0
+    assert high > 19
+
+
+def test_a_level_far_below_is_in_view():
+    solution = solution_by_hand(level=-100.0)
+    low, _ = plot_stability(solution).axes[0].get_ylim()
+    assert low < -100
 
 
 def test_no_stability_rows_is_an_error_that_says_so():
@@ -105,7 +124,7 @@ def test_the_horizontal_axis_can_be_something_else_than_time():
 
 
 def test_a_clock_that_counts_from_long_ago_starts_at_zero():
-    solution = solution_by_hand(5)
+    solution = solution_by_hand(21)
     trajectory = replace(
         solution.problem.motion.trajectory, time=solution.problem.motion.trajectory.time + 1667315995.25
     )
@@ -119,9 +138,10 @@ def test_a_clock_that_counts_from_long_ago_starts_at_zero():
 
 
 @pytest.mark.parametrize("n_frames", [1, 2, 200])
-def test_titles_scales_and_legend_do_not_overlap_with_eighty_muscles(n_frames):
+@pytest.mark.parametrize("width", [ONE_COLUMN, TWO_COLUMNS])
+def test_titles_scales_and_legend_do_not_overlap_with_eighty_muscles(n_frames, width):
     solution = solution_by_hand(n_frames=n_frames, n_pairs=40, name="walking3d")
-    figure = plot_activations(solution)
+    figure = plot_activations(solution, muscles="*", width=width)
     assert len(figure.axes) == 80
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -137,6 +157,48 @@ def test_titles_scales_and_legend_do_not_overlap_with_eighty_muscles(n_frames):
         for j, other in enumerate(titles):
             assert i == j or not title.overlaps(other)
             assert not title.overlaps(boxes[j])
+
+
+def test_many_muscles_are_drawn_on_pages_the_most_active_first():
+    solution = solution_by_hand(21, n_pairs=45)
+    first, *others = activation_pages(solution)
+    titles = [[panel.get_title(loc="left") for panel in page.axes] for page in (first, *others)]
+    muscles = solution.problem.motion.trajectory.muscles
+    size = dict(zip(muscles, np.sqrt(np.mean(solution.activation**2, axis=0)), strict=True))
+    assert titles[0] == sorted(muscles, key=lambda name: -size[name])[:12]
+    assert [name for page in titles[1:] for name in page] == list(muscles)
+    assert max(len(page) for page in titles) == 40
+    assert len(activation_pages(solution_by_hand(21, n_pairs=6))) == 1
+
+
+def test_moments_of_which_reserves_carry_little_are_told_in_a_sentence():
+    solution = solution_by_hand(21, n_pairs=3)
+    balance = solution.moment_balance
+    # the third hinge is moved by its reserve alone, the second by its muscles
+    share = np.array([0.1, 0.04, 1.0])
+    balance = replace(
+        balance, muscles=(1 - share) * balance.required, actuators=share * balance.required,
+    )  # fmt: skip
+    solution = replace(solution, moment_balance=balance)
+    figure = plot_moments(solution)
+    assert [panel.get_title(loc="left") for panel in figure.axes] == ["hinge_0\nreserves: 10 %"]
+    told = " ".join(figure.texts[-1].get_text().split())
+    assert told.startswith(
+        "Reserves carry at most 4 % of the peak moment of hinge_1. Actuators alone move hinge_2"
+    )
+    everything = plot_moments(solution, coordinates="*")
+    assert [panel.get_title(loc="left").split("\n")[0] for panel in everything.axes] == list(
+        balance.coordinates
+    )
+
+
+def test_moments_that_muscles_carry_alone_are_drawn_with_the_sentence():
+    solution = solution_by_hand(21)
+    balance = solution.moment_balance
+    balance = replace(balance, muscles=balance.required, actuators=0 * balance.required)
+    figure = plot_moments(replace(solution, moment_balance=balance))
+    assert len(figure.axes) == 1
+    assert "Reserves carry less than 0.1 % of the peak moment of hinge_0" in figure.texts[-1].get_text()
 
 
 def test_figures_are_made_without_pyplot_and_in_threads():
