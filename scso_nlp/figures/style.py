@@ -42,7 +42,7 @@ class SeriesStyle:
     ----------
     color, line, hatch : str
         As matplotlib has them.
-    weight: float [-]
+    weight : float [-]
         Times the common width of curves.
     """
 
