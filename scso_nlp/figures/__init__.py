@@ -15,6 +15,7 @@ from scso_nlp.figures.saving import save_figure as save_figure
 from scso_nlp.figures.series import Series as Series
 from scso_nlp.figures.solution import activation_pages as activation_pages
 from scso_nlp.figures.solution import plot_activations as plot_activations
+from scso_nlp.figures.solution import plot_forces as plot_forces
 from scso_nlp.figures.solution import plot_moments as plot_moments
 from scso_nlp.figures.solution import plot_stability as plot_stability
 from scso_nlp.figures.solution import series_of as series_of

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from scso_nlp.contributions import row_contributions
 from scso_nlp.figures.contributions import plot_contributions
 from scso_nlp.figures.frames import HorizontalAxis
-from scso_nlp.figures.solution import plot_activations, plot_moments, plot_stability
+from scso_nlp.figures.solution import plot_activations, plot_forces, plot_moments, plot_stability
+from scso_nlp.figures.style import TWO_COLUMNS
 from scso_nlp.solution import Solution
 
 
@@ -25,20 +26,51 @@ class SolutionPlots:
     solution: Solution
 
     def activation(
-        self, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+        self,
+        *,
+        muscles: str = "",
+        baseline: Solution | None = None,
+        horizontal: HorizontalAxis | None = None,
+        width: float = TWO_COLUMNS,
     ) -> Figure:
-        """Draw the activation of every muscle, as :func:`~scso_nlp.plot_activations`."""
-        return plot_activations(self.solution, baseline=baseline, horizontal=horizontal)
+        """Draw activations, as :func:`~scso_nlp.plot_activations`: ``muscles="gas*,soleus_*"``."""
+        return plot_activations(
+            self.solution, baseline=baseline, horizontal=horizontal, muscles=muscles, width=width
+        )
 
-    def moments(self, *, horizontal: HorizontalAxis | None = None) -> Figure:
-        """Draw the moment balance of every coordinate, as :func:`~scso_nlp.plot_moments`."""
-        return plot_moments(self.solution, horizontal=horizontal)
+    def force(
+        self,
+        *,
+        muscles: str = "",
+        baseline: Solution | None = None,
+        horizontal: HorizontalAxis | None = None,
+        width: float = TWO_COLUMNS,
+    ) -> Figure:
+        """Draw tendon forces; arguments are those of :meth:`activation`."""
+        return plot_forces(
+            self.solution, baseline=baseline, horizontal=horizontal, muscles=muscles, width=width
+        )
+
+    def moments(
+        self,
+        *,
+        coordinates: str = "",
+        horizontal: HorizontalAxis | None = None,
+        width: float = TWO_COLUMNS,
+    ) -> Figure:
+        """Draw the moment balance of coordinates, as :func:`~scso_nlp.plot_moments`."""
+        return plot_moments(self.solution, horizontal=horizontal, coordinates=coordinates, width=width)
 
     def stability(
-        self, *, baseline: Solution | None = None, horizontal: HorizontalAxis | None = None
+        self,
+        *,
+        rows: str = "",
+        baseline: Solution | None = None,
+        horizontal: HorizontalAxis | None = None,
+        width: float = TWO_COLUMNS,
     ) -> Figure:
-        """Draw the margin of every stability row, as :func:`~scso_nlp.plot_stability`."""
-        return plot_stability(self.solution, baseline=baseline, horizontal=horizontal)
+        """Draw the stability of rows, as :func:`~scso_nlp.plot_stability`."""
+        return plot_stability(self.solution, baseline=baseline, horizontal=horizontal, rows=rows, width=width)
 
     def contributions(self) -> Figure:
         """Draw what each muscle adds to each stability row, as :func:`~scso_nlp.plot_contributions`."""

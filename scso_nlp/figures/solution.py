@@ -60,15 +60,25 @@ def plot_activations(
     DataError
         The baseline has other frames, or the horizontal values are not one per frame.
     """
-    both = _activations(solution, baseline)
-    n_pairs = len(paired(all_names(both)))
-    heading = f"{solution.problem.motion.name}: activations"
-    if not muscles and n_pairs > MOST_PANELS:
-        what = "that change most" if baseline is not None else "that are most active"
-        heading += f", the {MOST_PANELS} of {n_pairs} {what}"
-    return plot_quantity(
-        both, quantity="activation", names=muscles, width=width, heading=heading, horizontal=horizontal
-    )
+    return _of_muscles(solution, baseline, "activation", "activations", muscles, width, horizontal)
+
+
+@checked
+def plot_forces(
+    solution: Solution,
+    *,
+    baseline: Solution | None = None,
+    horizontal: HorizontalAxis | None = None,
+    muscles: str = "",
+    width: float = TWO_COLUMNS,
+) -> Figure:
+    """Draw tendon forces; arguments and errors are those of :func:`plot_activations`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    return _of_muscles(solution, baseline, "force", "tendon forces", muscles, width, horizontal)
 
 
 @checked
@@ -91,7 +101,7 @@ def activation_pages(solution: Solution, *, baseline: Solution | None = None) ->
     NameMismatchError, DataError
         As for :func:`plot_activations`.
     """
-    both = _activations(solution, baseline)
+    both = _both(solution, baseline, "activation")
     pairs = paired(all_names(both))
     pages = [plot_activations(solution, baseline=baseline)]
     heading = f"{solution.problem.motion.name}: activations, page"
@@ -244,12 +254,32 @@ def series_of(solution: Solution, quantity: str, label: str) -> Series:
     raise DataError(f"the solution {label!r} has no {quantity}, expected activation, force or stability")
 
 
-def _activations(solution: Solution, baseline: Solution | None) -> list[Series]:
+def _of_muscles(
+    solution: Solution,
+    baseline: Solution | None,
+    quantity: str,
+    plural: str,
+    muscles: str,
+    width: float,
+    horizontal: HorizontalAxis | None,
+) -> Figure:
+    both = _both(solution, baseline, quantity)
+    n_pairs = len(paired(all_names(both)))
+    heading = f"{solution.problem.motion.name}: {plural}"
+    if not muscles and n_pairs > MOST_PANELS:
+        what = "that change most" if baseline is not None else "that are largest"
+        heading += f", the {MOST_PANELS} of {n_pairs} {what}"
+    return plot_quantity(
+        both, quantity=quantity, names=muscles, width=width, heading=heading, horizontal=horizontal
+    )
+
+
+def _both(solution: Solution, baseline: Solution | None, quantity: str) -> list[Series]:
     label, baseline_label = _labels(solution, baseline)
-    found = [series_of(solution, "activation", label)]
+    found = [series_of(solution, quantity, label)]
     if baseline is not None:
         _require_same(solution, baseline)
-        found.insert(0, series_of(baseline, "activation", baseline_label))
+        found.insert(0, series_of(baseline, quantity, baseline_label))
     return found
 
 
