@@ -72,11 +72,21 @@ def plot_forces(
     muscles: str = "",
     width: float = TWO_COLUMNS,
 ) -> Figure:
-    """Draw tendon forces; arguments and errors are those of :func:`plot_activations`.
+    """Draw tendon forces, left and right of a muscle in one panel.
+
+    Parameters
+    ----------
+    solution, baseline, horizontal, muscles, width
+        As for :func:`plot_activations`.
 
     Returns
     -------
     matplotlib.figure.Figure
+
+    Raises
+    ------
+    NameMismatchError, DataError
+        As for :func:`plot_activations`.
     """
     return _of_muscles(solution, baseline, "force", "tendon forces", muscles, width, horizontal)
 
