@@ -87,9 +87,10 @@ def test_figures_are_an_attribute():
     solution = solution_by_hand()
     for draw in (
         solution.plot.activation,
+        solution.plot.force,
         solution.plot.moments,
         solution.plot.stability,
         solution.plot.contributions,
     ):
         assert isinstance(draw(), Figure)
-    assert repr(solution.plot) == "figures of antagonists: activation, contributions, moments, stability"
+    assert repr(solution.plot) == "figures of antagonists: activation, contributions, force, moments, stability"
