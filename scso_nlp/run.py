@@ -127,7 +127,11 @@ def solve(
 
     Examples
     --------
-    >>> solution = scso.solve("setup.xml", stability=scso.JointStability(q=20, joints=["knee_r"]))
+    >>> import scso_nlp as scso
+    >>> stability = scso.JointStability(q=20, joints=["lumbar_pelvis"], axes=["z"])
+    >>> solution = scso.solve("setup.xml", stability=stability)
+    >>> solution.stability.rows
+    ('lumbar_pelvis_z',)
     """
     if isinstance(setup, str | os.PathLike):
         setup = read_analyze_setup(setup)

@@ -93,4 +93,5 @@ def test_figures_are_an_attribute():
         solution.plot.contributions,
     ):
         assert isinstance(draw(), Figure)
-    assert repr(solution.plot) == "figures of antagonists: activation, contributions, force, moments, stability"
+    kinds = "activation, contributions, force, moments, stability"
+    assert repr(solution.plot) == f"figures of antagonists: {kinds}"

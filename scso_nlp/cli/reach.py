@@ -35,6 +35,8 @@ def reach(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         problem = describe(settings, extract(settings, where))
         found = reachable_stability(problem)
         typer.echo(f"{problem.motion.name}: {problem.motion.n_frames} frames")
+        if problem.coupled_terms:
+            typer.echo(f"  left out, because they couple frames: {', '.join(problem.coupled_terms)}")
         for each in found:
             for line in _rows(each):
                 typer.echo(line)

@@ -43,6 +43,13 @@ def test_the_full_hessian_is_one_row():
     assert [line.split()[:2] for line in done.stdout.splitlines()[2:3]] == [["smallest", "eigenvalue"]]
 
 
+def test_terms_that_couple_frames_are_left_out_and_named():
+    plain, coupled = (reach(SETTINGS, *more).stdout for more in ((), ("--activation-rate", "constant")))
+    told = "  left out, because they couple frames: ActivationRate\n"
+    assert told in coupled
+    assert coupled.replace(told, "") == plain
+
+
 def test_without_stability_there_is_nothing_to_reach():
     done = reach(str(example_folder("elbow") / "setup.xml"))
     assert done.exit_code == 2
