@@ -209,7 +209,7 @@ class CoordinateCurvature:
     passive_stiffness : ndarray, shape (n_frames, n_chosen, n_chosen) [N·m/rad]
         Likewise of the model's own passive elements: springs, bushings, limit forces, ligaments.
     asymmetry : ndarray, shape (n_frames, n_muscles) [m]
-        Largest |dr_i/dq_j - dr_j/dq_i|; not zero where moment arms are no gradient of a length.
+        Largest difference of ∂r_i/∂q_j and ∂r_j/∂q_i; not zero where moment arms are no gradient of a length.
     is_uncertain : ndarray of bool, shape (n_frames, n_muscles)
         True where derivatives at two steps disagree or the path changes its points nearby.
     """

@@ -20,6 +20,10 @@ def example(
         Path | None, typer.Option(help="Folder of the results. [default: scso_results/<name>]")
     ] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")] = True,
+    copy: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Only copy its model, motion and setup.xml to this folder."),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is being done.")] = False,
 ) -> None:
     """Solve an embedded example by static optimization and with stability rows, and compare."""
@@ -31,13 +35,17 @@ def example(
             for known in example_names():
                 typer.echo(f"{known:<{width}}  {_title(example_folder(known))}")
             return
+        source = example_folder(name)
+        if copy is not None:
+            _copy(source, copy)
+            typer.echo(f"{name} in {copy}: scso run {copy / 'setup.xml'}")
+            return
         with undisturbed():
             from dataclasses import replace
 
             from scso_nlp.run import run, write_run
             from scso_nlp.settings import OutputSettings, read_settings
 
-        source = example_folder(name)
         settings, _ = read_settings(source / "scso.toml")
         result = run(settings)
         folder = output or Path("scso_results") / name
@@ -51,6 +59,22 @@ def example(
         typer.echo(f"\n{result.solution.summary()}\nfiles and figures in {folder}")
         if not result.is_solved:
             raise typer.Exit(FRAME_FAILED)
+
+
+def _copy(source: Path, folder: Path) -> None:
+    """Copy the files of an example; none that exists is replaced."""
+    import shutil
+
+    from scso_nlp.exceptions import DataError
+    from scso_nlp.files import make_folder
+
+    make_folder(folder)
+    files = sorted(path for path in source.iterdir() if path.is_file())
+    for path in files:
+        if (folder / path.name).exists():
+            raise DataError(f"{folder / path.name} exists already, choose another folder")
+    for path in files:
+        shutil.copyfile(path, folder / path.name)
 
 
 def _title(folder: Path) -> str:

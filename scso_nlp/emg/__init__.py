@@ -9,6 +9,7 @@ from scso_nlp.emg.comparison import write_comparison_csv as write_comparison_csv
 from scso_nlp.emg.map import EmgMap as EmgMap
 from scso_nlp.emg.map import GroupPair as GroupPair
 from scso_nlp.emg.map import MuscleGroup as MuscleGroup
+from scso_nlp.emg.map import map_skeleton as map_skeleton
 from scso_nlp.emg.map import read_emg_map as read_emg_map
 from scso_nlp.emg.motion_result import MotionResult as MotionResult
 from scso_nlp.emg.motion_result import read_result as read_result

@@ -18,7 +18,9 @@ The map file, in TOML, says which channels and which muscles of the model form a
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -193,6 +195,59 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         mvc={channel: float(reference) for channel, reference in mvc.items()},
         source=str(path),
     )
+
+
+@checked
+def map_skeleton(muscles: Sequence[str], source: str = "the model") -> str:
+    """Write a map file for a model, with a group for every muscle and no channels yet.
+
+    Parameters
+    ----------
+    muscles : sequence of str
+        Names, at least one. Those that differ in their digits only are parts of one muscle.
+    source : str
+        What to say of where they stand.
+
+    Returns
+    -------
+    str
+        TOML that :func:`read_emg_map` reads as it is.
+
+    Raises
+    ------
+    DataError
+        No muscle.
+
+    Examples
+    --------
+    >>> from scso_nlp.emg.map import map_skeleton
+    >>> print(map_skeleton(["glut_max1_r", "glut_max2_r", "soleus_r"]).partition("format")[2])
+     = 1
+    <BLANKLINE>
+    [groups."glut_max_r"]
+    channels = []
+    muscles = ["glut_max1_r", "glut_max2_r"]
+    <BLANKLINE>
+    [groups."soleus_r"]
+    channels = []
+    muscles = ["soleus_r"]
+    <BLANKLINE>
+    """
+    if not muscles:
+        raise DataError(f"{source} has no muscle that an EMG map could name")
+    groups: dict[str, list[str]] = {}
+    for muscle in muscles:
+        groups.setdefault(re.sub(r"\d+", "", muscle) or muscle, []).append(muscle)
+    lines = [
+        f"# Muscles of {source}: write the EMG channels over each group between its brackets, e.g.",
+        '# channels = ["tibialis anterior R"], join or delete groups as you like, and give others names.',
+        '# Muscles may be patterns, e.g. "glut_*_r"; a channel or a muscle stands in one group only.',
+        f"format = {MAP_FORMAT}",
+    ]
+    for name, members in groups.items():
+        # JSON's strings and lists are TOML's
+        lines += ["", f"[groups.{json.dumps(name)}]", "channels = []", f"muscles = {json.dumps(members)}"]
+    return "\n".join(lines) + "\n"
 
 
 def _claim(owner: dict[str, str], kind: str, names: tuple[str, ...], group: str, source: str) -> None:

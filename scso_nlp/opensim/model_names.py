@@ -69,9 +69,31 @@ def model_names(motion: MotionInput) -> ModelNames:
         A file that cannot be read.
     """
     try:
-        roots = [read_xml(path) for path in (motion.model, *motion.actuators)]
+        return names_in(motion.model, *motion.actuators)
     except FileFormatError:
         return ModelNames(source=motion.model)
+
+
+def names_in(model: Path, *force_sets: Path) -> ModelNames:
+    """Read the names of a model and force sets.
+
+    Parameters
+    ----------
+    model : Path
+    *force_sets : Path
+
+    Returns
+    -------
+    ModelNames
+
+    Raises
+    ------
+    DataError
+        A file that cannot be read.
+    FileFormatError
+        A file that is not well-formed XML.
+    """
+    roots = [read_xml(path) for path in (model, *force_sets)]
     named = [element for root in roots for element in root.iter() if element.get("name")]
     joints = [element for root in roots for element in _members(root, "JointSet")]
     forces = [
@@ -79,7 +101,7 @@ def model_names(motion: MotionInput) -> ModelNames:
     ]
     muscles = [element for element in named if "Muscle" in element.tag]
     return ModelNames(
-        source=motion.model,
+        source=model,
         coordinates=_names(element for element in named if element.tag == "Coordinate"),
         joints=_names((*(element for element in named if element.tag.endswith("Joint")), *joints)),
         muscles=_names(muscles),

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import scso_nlp.run
 from scso_nlp.cli import app
 from scso_nlp.declared_settings import SETTINGS, reference, template
+from scso_nlp.emg import read_emg_map
 from scso_nlp.examples import example_folder, example_names
 from scso_nlp.io import read_storage
 
@@ -165,6 +166,27 @@ def test_the_file_of_init_runs_once_its_path_is_filled_in(spine):
     run = scso("run", "scso.toml", "--no-figures", "--output", "results", cwd=spine)
     assert run.returncode == 0, run.stderr
     assert "spine_load_height_stability.sto" in files(spine / "results")
+
+
+def test_the_files_of_an_example_can_be_had_and_run(tmp_path):
+    assert scso("example", "elbow", "--copy", "mine", cwd=tmp_path).returncode == 0
+    assert files(tmp_path / "mine") == {path.name for path in example_folder("elbow").iterdir()}
+    again = scso("example", "elbow", "--copy", "mine", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
+    assert scso("run", "mine/setup.xml", "--no-figures", cwd=tmp_path).returncode == 0
+
+
+def test_init_writes_an_emg_map_of_a_model(spine):
+    done = scso("init", "--emg-map", "spine.osim", cwd=spine)
+    assert done.returncode == 0
+    found = read_emg_map(spine / "emg_map.toml")
+    muscles = [muscle for group in found.groups for muscle in group.muscles]
+    assert len(muscles) == 12
+    assert [group.muscles for group in found.groups if group.name == "ES_L"] == [("ES1_L", "ES2_L", "ES3_L")]
+    wrong = scso("init", "other.toml", "--emg-map", "motion.mot", cwd=spine)
+    assert wrong.returncode == 2
+    assert "motion.mot" in wrong.stderr
 
 
 def test_init_leaves_an_existing_file_alone(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from scso_nlp.emg import EmgMap, GroupPair, MuscleGroup, read_emg_map
+from scso_nlp.emg import EmgMap, GroupPair, MuscleGroup, map_skeleton, read_emg_map
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 
 MAP = """
@@ -84,3 +84,12 @@ def test_a_map_without_groups_is_refused():
         EmgMap(groups=())
     with pytest.raises(DataError, match="group names must be unique"):
         EmgMap(groups=(MuscleGroup(name="a", muscles=("x",)),) * 2)
+
+
+def test_a_skeleton_is_a_map_of_all_muscles_whatever_they_are_called(tmp_path):
+    muscles = ("psoas", 'a "b" \\ c', "12", "soleus_r", "IL_1", "IL_2")
+    found = read_emg_map(written(tmp_path, map_skeleton(muscles)))
+    assert sorted(m for group in found.groups for m in group.muscles) == sorted(muscles)
+    assert found.groups[-1].muscles == ("IL_1", "IL_2")
+    with pytest.raises(DataError, match="no muscle"):
+        map_skeleton(())
