@@ -7,7 +7,6 @@ Blocks that only illustrate are marked by another language than ``python`` and `
 
 from __future__ import annotations
 
-import functools
 import re
 import shlex
 import shutil
@@ -46,8 +45,8 @@ def reader(tmp_path, monkeypatch, motions):
     for module in (scso_nlp.opensim.engine, scso_nlp.run):
         load = module.load_with_hashes
 
-        def cached(motion, *, load=load, cache=None, **more):
-            return load(motion, cache=cache or motions, **more)
+        def cached(motion, *, load=load, **more):
+            return load(motion, **(more | {"cache": motions}))
 
         monkeypatch.setattr(module, "load_with_hashes", cached)
     monkeypatch.setattr("scso_nlp.figures.draw_and_save", lambda draw, folder, name: ())
