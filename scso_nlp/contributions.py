@@ -82,6 +82,12 @@ def row_contributions(solution: Solution, name: str | None = None) -> Contributi
         The problem has no stability constraint.
     NameMismatchError
         It has none of this name.
+
+    Examples
+    --------
+    >>> shares = scso.row_contributions(solution)
+    >>> dict(zip(shares.muscles, shares.of_muscles[1, 0].round(2).tolist(), strict=True))
+    {'brachioradialis': 84.02, 'biceps': 7.19, 'brachialis': 0.32}
     """
     term = _chosen(solution, name)
     rows = term.stability_rows(solution.problem.motion)
@@ -120,6 +126,12 @@ def mode_contributions(solution: Solution, name: str | None = None) -> Contribut
         The problem has no constraint on the full Hessian.
     NameMismatchError
         It has none of this name.
+
+    Examples
+    --------
+    >>> seen = scso.observe(solution, scso.HessianStability(q=5.0))
+    >>> scso.mode_contributions(seen).total[:3, 0].round(2)
+    array([ 45.76,  91.53, 137.29])
     """
     term = _chosen(solution, name, on_hessian=True)
     assert isinstance(term, HessianStability)
@@ -153,6 +165,12 @@ def equivalent_q(solution: Solution, name: str | None = None) -> FloatArray:
     -------
     ndarray, shape (n_frames, n_muscles) [-]
         NaN for muscles without force and in frames that are not solved.
+
+    Examples
+    --------
+    >>> seen = scso.observe(solution, scso.CoordinateStability(stiffness=scso.ProportionalStiffness(q=8.0)))
+    >>> scso.equivalent_q(seen, "CoordinateStability")[0].round(6)
+    array([8., 8., 8.])
     """
     force, stiffness = _force_and_stiffness(solution, _chosen(solution, name))
     motion = solution.problem.motion

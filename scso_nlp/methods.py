@@ -46,6 +46,12 @@ def static_optimization(
     References
     ----------
     Crowninshield and Brand (1981), J Biomech 14:793-801.
+
+    Examples
+    --------
+    >>> plain = scso.static_optimization(motion, muscle_model=scso.NoPhysiology())
+    >>> scso.solve_trajectory(plain).activation[1].round(6)
+    array([0.347652, 0.143856, 0.047952])
     """
     return MuscleForceProblem(
         motion=motion,
@@ -82,6 +88,14 @@ def stability_constrained_static_optimization(
     References
     ----------
     Akhavanfar et al. (2019), J Biomech, doi 10.1016/j.jbiomech.2019.05.007.
+
+    Examples
+    --------
+    >>> stable = scso.stability_constrained_static_optimization(
+    ...     motion, stability=scso.JointStability(axes=["z"]), muscle_model=scso.NoPhysiology()
+    ... )
+    >>> [term.name for term in stable.constraints]
+    ['MomentEquilibrium', 'JointStability']
     """
     plain = static_optimization(motion, muscle_model=muscle_model, exponent=exponent)
     return replace(plain, constraints=(*plain.constraints, stability or JointStability()))

@@ -44,6 +44,13 @@ class MuscleForceProblem:
     ------
     ProblemError
         No objective, two terms of one name, or something that is no term.
+
+    Examples
+    --------
+    >>> problem.coupled_terms, [term.name for term in problem.terms]
+    ((), ['NoPhysiology', 'ActivationEffort', 'MomentEquilibrium', 'JointStability'])
+    >>> [term.name for term in problem.without_stability().observed]
+    ['JointStability']
     """
 
     motion: Motion

@@ -7,9 +7,13 @@ Blocks that only illustrate are marked by another language than ``python`` and `
 
 from __future__ import annotations
 
+import doctest
+import importlib
+import inspect
 import re
 import shlex
 import shutil
+import sys
 import tomllib
 
 import matplotlib.pyplot as plt
@@ -21,8 +25,14 @@ import scso_nlp.opensim.engine
 import scso_nlp.run
 from scso_nlp.cli import app
 from scso_nlp.examples import example_folder
+from scso_nlp.frame import Term
+
+pytest.importorskip("sphinx", reason="needs Sphinx; pip install '.[docs]' brings it")
 
 DOCS = PROJECT_ROOT / "docs"
+sys.path.insert(0, str(DOCS / "_site"))
+generated_pages, links, mathml = map(importlib.import_module, ("generated_pages", "links", "mathml"))
+
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "generated" not in path.parts)
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 EXIT_CODE = re.compile(r"#.*\bexit code (\d+)")
@@ -87,3 +97,83 @@ def _write_toml(folder, text):
     tomllib.loads(text)
     if named := re.match(r"# (\S+\.toml)\n", text):
         (folder / named.group(1)).write_text(text, encoding="utf-8")
+
+
+# Docstrings ---------------------------------------------------------------------------------------
+
+
+def documented():
+    """Public functions and classes of the package, and of the modules that the site documents, by name."""
+    for module in ("scso_nlp", *(f"scso_nlp.{name}" for name in generated_pages.MODULES)):
+        names = generated_pages.names_of(module)
+        yield from ((f"{module}.{name}", getattr(importlib.import_module(module), name)) for name in names)
+
+
+DOCUMENTED = dict(documented())
+WITH_EXAMPLES = {name: thing for name, thing in DOCUMENTED.items() if ">>>" in (inspect.getdoc(thing) or "")}
+
+
+@pytest.fixture(scope="module")
+def start(motions):
+    """Names that the examples of docstrings start from."""
+    names = {}
+    exec(generated_pages.EXAMPLES_START, names)
+    return names
+
+
+@pytest.mark.opensim
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_the_examples_of_a_docstring_say_what_happens(name, start, reader):
+    flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    said = []
+    example = doctest.DocTestParser().get_doctest(
+        inspect.getdoc(WITH_EXAMPLES[name]), dict(start), name, None, None
+    )
+    doctest.DocTestRunner(optionflags=flags).run(example, out=said.append)
+    assert said == [], "".join(said)
+
+
+def test_every_function_and_every_term_has_an_example():
+    """Of the package's own names; what is returned is shown where it comes from."""
+    terms = {name for name, thing in DOCUMENTED.items() if _is_term(thing)}
+    functions = {name for name, thing in DOCUMENTED.items() if inspect.isfunction(thing)}
+    asked = {name for name in terms | functions if name.count(".") == 1}
+    assert sorted(asked - WITH_EXAMPLES.keys() - WITHOUT_EXAMPLE) == []
+
+
+#: Shown in the example of `save_bundle`.
+WITHOUT_EXAMPLE = {"scso_nlp.load_bundle"}
+
+
+def _is_term(thing):
+    kinds = Term | scso_nlp.StiffnessLaw
+    return inspect.isclass(thing) and issubclass(thing, kinds) and not inspect.isabstract(thing)
+
+
+# The built site -----------------------------------------------------------------------------------
+
+
+def test_every_public_name_is_on_a_page_of_the_reference():
+    pages = {name: text for name, text in generated_pages.pages() if name.startswith("api/")}
+    text = "\n".join(pages.values())
+    missing = [name for name in dir(scso_nlp) if f":: scso_nlp.{name}\n" not in text]
+    assert [name for name in missing if not name.startswith("_") and name in scso_nlp.__all__] == []
+
+
+def test_dead_links_and_what_is_loaded_from_outside_are_found(tmp_path):
+    page = '<link rel="stylesheet" href="a.css"><a id="top" href="b.html#here"></a><img src="missing.png">'
+    (tmp_path / "a.html").write_text(page + '<script src="https://example.org/x.js"></script>')
+    (tmp_path / "b.html").write_text('<a href="a.html#top"></a><a href="https://example.org">outside</a>')
+    (tmp_path / "a.css").write_text("@import url(//example.org/font.css);")
+    assert sorted(links.faults(tmp_path)) == [
+        "a.css: loads //example.org/font.css from outside",
+        "a.html: dead link b.html#here",
+        "a.html: dead link missing.png",
+        "a.html: loads https://example.org/x.js from outside",
+    ]
+
+
+def test_formulas_become_mathml_or_say_that_they_cannot():
+    assert mathml.mathml(r"\big(\tfrac{a}{2}\big)", is_block=True).startswith("<math")
+    with pytest.raises(mathml.MathError):
+        mathml.mathml(r"\nothing{x}", is_block=False)

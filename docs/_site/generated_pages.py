@@ -50,10 +50,19 @@ MODULES = {
 }
 #: What the examples of docstrings start from.
 EXAMPLES_START = """\
+from dataclasses import replace
+
 import scso_nlp as scso
 from scso_nlp.examples import example_folder
 
 motion = scso.load_motion(example_folder("elbow") / "setup.xml", curvature_coordinates="all")
+problem = scso.MuscleForceProblem(
+    motion=motion,
+    muscle_model=scso.NoPhysiology(),
+    objectives=(scso.ActivationEffort(exponent=2.0),),
+    constraints=(scso.MomentEquilibrium(), scso.JointStability(axes=["z"], q=5.0)),
+)
+solution = scso.solve_trajectory(problem)
 """
 #: Width of help texts [characters].
 _WIDTH = 100
@@ -119,7 +128,7 @@ def _api() -> Iterator[tuple[str, str]]:
     for module, title in MODULES.items():
         yield (
             f"api/{module}_module.rst",
-            _names_page(f"{title}: scso_nlp.{module}", f"scso_nlp.{module}", _own(module)),
+            _names_page(f"{title}: scso_nlp.{module}", f"scso_nlp.{module}", names_of(f"scso_nlp.{module}")),
         )
     toctree = [f"   {page}" for page in (*written, *(f"{module}_module" for module in MODULES))]
     text = [
@@ -135,9 +144,20 @@ def _api() -> Iterator[tuple[str, str]]:
     yield "api/index.rst", "\n".join(text) + "\n"
 
 
-def _own(module: str) -> list[str]:
-    """Public functions and classes of a module of the package, or of the files of a folder."""
-    loaded = importlib.import_module(f"scso_nlp.{module}")
+def names_of(module: str) -> list[str]:
+    """Public functions and classes of a module, or of the files of a folder.
+
+    Parameters
+    ----------
+    module : str
+
+    Returns
+    -------
+    list of str
+    """
+    loaded = importlib.import_module(module)
+    if loaded is scso_nlp:
+        return [name for names in public_names().values() for name in names]
     return [
         name
         for name, thing in vars(loaded).items()

@@ -130,6 +130,12 @@ class ActivationDynamics(FramePairConstraint):
     References
     ----------
     De Groote et al. (2016), Ann Biomed Eng 44:2922-2936.
+
+    Examples
+    --------
+    >>> coupled = replace(problem, constraints=(*problem.constraints, scso.ActivationDynamics()))
+    >>> scso.solve_trajectory(coupled).variables["ActivationDynamics.excitation"].shape
+    (7, 3)
     """
 
     smoothness: float = SMOOTHNESS

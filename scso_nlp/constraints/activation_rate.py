@@ -46,6 +46,16 @@ class ActivationRate(FramePairConstraint):
     References
     ----------
     De Groote et al. (2009), Comput Methods Biomech Biomed Engin 12:563-574.
+
+    Examples
+    --------
+    >>> coupled = replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
+    >>> scso.solve_trajectory(coupled).rows["ActivationRate"].names[0]
+    'brachioradialis rising'
+    >>> scso.solve_framewise(coupled)
+    Traceback (most recent call last):
+    ...
+    scso_nlp.exceptions.CouplingError: ActivationRate couples frames, ...
     """
 
     bounds: Literal["first_order", "constant"] = "first_order"

@@ -33,6 +33,13 @@ class CoordinateStability(StabilityConstraint):
     References
     ----------
     Bergmark (1989), Acta Orthop Scand 60 Suppl 230; Cholewicki and McGill (1996), Clin Biomech 11:1-15.
+
+    Examples
+    --------
+    >>> along = scso.CoordinateStability(coordinates=["elbow_flexion"], level=20.0)
+    >>> kept = scso.solve_trajectory(replace(problem, constraints=(scso.MomentEquilibrium(), along)))
+    >>> kept.stability.rows, float(kept.stability.margin[0, 0].round(2))
+    (('elbow_flexion',), 25.76)
     """
 
     coordinates: Sequence[str] | None = None

@@ -39,6 +39,13 @@ class HessianStability(StabilityConstraint):
     References
     ----------
     Bergmark (1989), Acta Orthop Scand 60 Suppl 230; Cholewicki and McGill (1996), Clin Biomech 11:1-15.
+
+    Examples
+    --------
+    >>> whole = scso.HessianStability(q=5.0, level=20.0)
+    >>> kept = scso.solve_trajectory(replace(problem, constraints=(scso.MomentEquilibrium(), whole)))
+    >>> kept.matrices["HessianStability"].smallest_eigenvalue[:3].round(2)
+    array([ 25.76,  71.53, 117.29])
     """
 
     coordinates: Sequence[str] | None = None

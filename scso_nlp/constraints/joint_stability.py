@@ -38,6 +38,13 @@ class JointStability(StabilityConstraint):
     References
     ----------
     Potvin and Brown (2005), J Biomech 38:973-980; Akhavanfar et al. (2019), eq. 4.
+
+    Examples
+    --------
+    >>> about_z = scso.JointStability(joints=["elbow"], axes=["z"], q=5.0, level={"elbow_z": 20.0})
+    >>> kept = scso.solve_trajectory(replace(problem, constraints=(scso.MomentEquilibrium(), about_z)))
+    >>> kept.stability.rows, float(kept.stability.margin[0, 0].round(2))
+    (('elbow_z',), 25.76)
     """
 
     joints: Sequence[str] | None = None

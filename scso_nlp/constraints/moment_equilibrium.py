@@ -41,6 +41,13 @@ class MomentEquilibrium(FrameConstraint):
     References
     ----------
     Akhavanfar et al. (2019), eq. 1.
+
+    Examples
+    --------
+    >>> solution.rows["MomentEquilibrium"].names
+    ('elbow_flexion',)
+    >>> bool(solution.violation["MomentEquilibrium"] < 1e-9)
+    True
     """
 
     passive_elements: Literal["taken_off", "left_in"] = "taken_off"

@@ -38,6 +38,10 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     ------
     DataError
         No solved frame.
+
+    Examples
+    --------
+    >>> figure = scso.plot_contributions(scso.row_contributions(solution))
     """
     solved = np.isfinite(contributions.constant).all(axis=1)
     if not solved.any():

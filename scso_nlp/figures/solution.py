@@ -59,6 +59,11 @@ def plot_activations(
         The baseline has other muscles, or a pattern fits none.
     DataError
         The baseline has other frames, or the horizontal values are not one per frame.
+
+    Examples
+    --------
+    >>> figure = scso.plot_activations(solution)
+    >>> figure.savefig("activations.pdf")  # doctest: +SKIP
     """
     return _of_muscles(solution, baseline, "activation", "activations", muscles, width, horizontal)
 
@@ -155,6 +160,10 @@ def plot_moments(
         A pattern fits no coordinate.
     DataError
         The horizontal values are not one per frame.
+
+    Examples
+    --------
+    >>> figure = scso.plot_moments(solution)
     """
     balance = solution.moment_balance
     look = {"required": REQUIRED, "muscles": SeriesStyle(color=RESULT.color, line="--"), "reserves": MARK}
@@ -215,6 +224,10 @@ def plot_stability(
         No stability rows, or the horizontal values are not one per frame.
     NameMismatchError
         The baseline has other muscles, or a pattern fits no row.
+
+    Examples
+    --------
+    >>> figure = scso.plot_stability(solution)
     """
     name = solution.problem.motion.name
     own = solution.stability

@@ -54,6 +54,11 @@ def tendon_force_difference(solution: Solution, reference: Solution) -> TendonFo
         Other muscles.
     DataError
         Other frames, or no frame that both have solved.
+
+    Examples
+    --------
+    >>> scso.tendon_force_difference(solution, solution).largest
+    array([0., 0., 0.])
     """
     _require_same_motion({"reference": reference, "solution": solution})
     both = solution.is_solved & reference.is_solved
@@ -95,6 +100,11 @@ def plot_tendon_forces(
     DataError
         No solution, other frames, no frame that two of them have solved, or horizontal values that are not
         one per frame.
+
+    Examples
+    --------
+    >>> cubed = replace(problem, objectives=(scso.ActivationEffort(exponent=3.0),))
+    >>> figure = scso.plot_tendon_forces({"p = 2": solution, "p = 3": scso.solve_trajectory(cubed)})
     """
     if not solutions:
         raise DataError("no solution to draw, expected at least one")

@@ -75,6 +75,16 @@ def save_bundle(
     ------
     DataError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "elbow.npz"
+    ...     scso.save_bundle(path, motion)
+    ...     scso.load_bundle(path).muscles.muscles
+    ('brachioradialis', 'biceps', 'brachialis')
     """
     path = Path(path)
     arrays: dict[str, np.ndarray] = {}

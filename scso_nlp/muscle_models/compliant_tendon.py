@@ -79,6 +79,12 @@ class CompliantTendon(MuscleModel):
     References
     ----------
     Millard et al. (2013), J Biomech Eng 135:021005; De Groote et al. (2016), Ann Biomed Eng 44:2922-2936.
+
+    Examples
+    --------
+    >>> elastic = scso.solve_trajectory(scso.static_optimization(motion, muscle_model=scso.CompliantTendon()))
+    >>> elastic.tendon_force.shape
+    (7, 3)
     """
 
     fiber_velocity: Literal["zero", "from_path"] = "zero"

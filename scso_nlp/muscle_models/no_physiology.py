@@ -22,6 +22,13 @@ class NoPhysiology(MuscleModel):
     References
     ----------
     Akhavanfar et al. (2019), eq. 2.
+
+    Examples
+    --------
+    >>> solution.problem.muscle_model
+    NoPhysiology()
+    >>> bool((solution.tendon_force == solution.activation * motion.muscles.max_isometric_force).all())
+    True
     """
 
     def state(self, frame: Frame, motion: Motion) -> MuscleState:

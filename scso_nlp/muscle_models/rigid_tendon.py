@@ -61,6 +61,12 @@ class RigidTendon(MuscleModel):
     ----------
     OpenSim 4.6, ``StaticOptimizationTarget.cpp``; Zajac (1989), Crit Rev Biomed Eng 17:359-411;
     Akhavanfar et al. (2019), eq. 3.
+
+    Examples
+    --------
+    >>> rigid = scso.RigidTendon(convention="physical")
+    >>> bool(scso.solve_trajectory(scso.static_optimization(motion, muscle_model=rigid)).is_solved.all())
+    True
     """
 
     convention: Literal["opensim", "physical"] = "opensim"

@@ -70,6 +70,11 @@ class ProportionalStiffness(StiffnessLaw):
     References
     ----------
     Bergmark (1989), Acta Orthop Scand 60 Suppl 230; Potvin and Brown (2005), J Biomech 38:973-980.
+
+    Examples
+    --------
+    >>> scso.JointStability(stiffness=scso.ProportionalStiffness(q={"*": 5.0, "biceps": 8.0})).stiffness_law.q
+    {'*': 5.0, 'biceps': 8.0}
     """
 
     q: float | Sequence[float] | Mapping[str, float] = 5.0
@@ -133,6 +138,13 @@ class ShortRangeStiffness(StiffnessLaw):
     References
     ----------
     Cui, Perreault, Maas and Sandercock (2008), J Biomech 41:1945-1952.
+
+    Examples
+    --------
+    >>> law = scso.ShortRangeStiffness()
+    >>> seen = scso.observe(solution, scso.CoordinateStability(stiffness=law))
+    >>> bool((scso.equivalent_q(seen, "CoordinateStability") > 5.0).all())
+    True
     """
 
     constant: float = SHORT_RANGE_CONSTANT
@@ -185,6 +197,12 @@ class FiberStiffness(StiffnessLaw):
     References
     ----------
     OpenSim 4.6, ``Muscle.cpp``, calcMuscleStiffness.
+
+    Examples
+    --------
+    >>> seen = scso.observe(solution, scso.CoordinateStability(stiffness=scso.FiberStiffness()))
+    >>> seen.quantities["CoordinateStability.muscle_stiffness"].shape
+    (7, 3)
     """
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:

@@ -61,6 +61,13 @@ class ActivationEffort(FrameObjective):
     ----------
     Crowninshield and Brand (1981), J Biomech 14:793-801; Akhavanfar et al. (2019), eq. 1; for min/max
     Rasmussen et al. (2001), J Biomech 34:409-415.
+
+    Examples
+    --------
+    >>> minimax = replace(problem, objectives=(scso.ActivationEffort(exponent=float("inf")),))
+    >>> scso.solve_trajectory(minimax).activation[1].round(6)
+    array([0.266667, 0.266667, 0.266667])
+    >>> by_name = scso.ActivationEffort(weights={"*": 1.0, "biceps": 10.0})
     """
 
     exponent: float = 2.0

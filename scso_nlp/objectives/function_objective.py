@@ -24,6 +24,14 @@ class FunctionObjective(FrameObjective):
     label : str
         Name in reports; the function's own name by default.
     weight : float
+
+    Examples
+    --------
+    >>> def largest_muscle(frame):
+    ...     return frame.activation[0] ** 2
+    >>> mixed = replace(problem, objectives=(scso.ActivationEffort(), largest_muscle))
+    >>> sorted(scso.solve_trajectory(mixed).objective_terms)
+    ['ActivationEffort', 'largest_muscle']
     """
 
     function: Callable[[Frame], ca.SX]

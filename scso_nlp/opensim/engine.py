@@ -141,6 +141,12 @@ def load_motion(
     depend on others (couplers, closed loops), their values and accelerations follow from the constraints; so
     do their speeds with ``keep_coupled_speeds=False``. Where a model with a ConstraintSet clamps a coordinate
     to a range that the motion leaves, values are those of OpenSim's own assembly (logged); speeds stay.
+
+    Examples
+    --------
+    >>> part = scso.load_motion(example_folder("elbow") / "setup.xml", final_time=2.0, muscle_paths=False)
+    >>> part.n_frames, part.muscles.muscles
+    (3, ('brachioradialis', 'biceps', 'brachialis'))
     """
     given = locals()
     changes = {

@@ -106,6 +106,14 @@ def write_solution(
     -----
     OpenSim's ``Storage`` reads a file up to the first NaN, so files with failed frames are for other
     readers.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     files = scso.write_solution(solution, folder, figures=False)
+    >>> files[0].name
+    'elbow_StaticOptimization_activation.sto'
     """
     name, record = solution.problem.motion.trajectory.name, record or RunRecord()
     wanted = absolute(folder)

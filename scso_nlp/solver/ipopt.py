@@ -83,6 +83,12 @@ class SolverOptions:
         another objective begin where they are without coupling.
     ipopt : mapping of str to number or str
         Further IPOPT options by their own names; they win.
+
+    Examples
+    --------
+    >>> cold = scso.SolverOptions(presolve=False, max_iterations=50)
+    >>> scso.solve_trajectory(problem, options=cold).activation[1].round(6)
+    array([0.347652, 0.143856, 0.047952])
     """
 
     tolerance: float = 1e-10

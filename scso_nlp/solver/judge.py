@@ -160,6 +160,12 @@ def observe(solution: Solution, *constraints: StabilityConstraint) -> Solution:
     ------
     NameMismatchError
         A constraint that has the name of one that the solution kept.
+
+    Examples
+    --------
+    >>> softer = scso.JointStability(axes=["z"], q=0.0, label="without muscle stiffness")
+    >>> scso.observe(solution, softer).stability.rows
+    ('elbow_z', 'elbow_z')
     """
     kept = {term.name for term in solution.problem.constraints}
     twice = [term.name for term in constraints if term.name in kept]

@@ -144,6 +144,12 @@ def reachable_stability(problem: MuscleForceProblem) -> tuple[Reach, ...]:
     Notes
     -----
     Terms that couple frames are left out, so a level that is reachable here may not be reachable with them.
+
+    Examples
+    --------
+    >>> reach = scso.reachable_stability(problem)[0]
+    >>> reach.rows, reach.highest[:3, 0].round(1)
+    (('elbow_z',), array([ 50., 100., 150.]))
     """
     return tuple(_reach(problem, term) for term in problem.stability_terms)
 
@@ -259,6 +265,11 @@ def critical_q(problem: MuscleForceProblem, baseline: Solution | None = None) ->
     ------
     ProblemError
         The problem has no stability constraint.
+
+    Examples
+    --------
+    >>> bool((scso.critical_q(problem) < 1e-6).all())
+    True
     """
     if not problem.stability_terms:
         raise ProblemError("the problem has no stability constraint whose critical q could be found")

@@ -75,6 +75,11 @@ def solve_trajectory(
         Some frame was not solved; the exception carries the solution with its last iterate.
     ProblemError
         Contradictory description or options.
+
+    Examples
+    --------
+    >>> scso.solve_trajectory(problem).activation[1].round(6)
+    array([0.347652, 0.143856, 0.047952])
     """
     return _solve(problem, "trajectory", (initial_guess, baseline), options or SolverOptions(), on_failure)
 
@@ -111,6 +116,11 @@ def solve_framewise(
         Some frame was not solved; the exception carries the solution with its last iterate.
     ProblemError
         Contradictory description or options.
+
+    Examples
+    --------
+    >>> scso.solve_framewise(problem).activation[1].round(6)
+    array([0.347652, 0.143856, 0.047952])
     """
     if problem.coupled_terms:
         raise CouplingError(

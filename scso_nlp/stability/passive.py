@@ -91,6 +91,12 @@ def lumbar_passive_stiffness(*joints: LumbarJoint) -> dict[str, float]:
     References
     ----------
     Schmidt et al. (1998), the passive stiffness per lumbar level.
+
+    Examples
+    --------
+    >>> joint = scso.LumbarJoint(levels=5, rows={"L5_S1_z": "flexion", "L5_S1_x": "lateral"})
+    >>> {row: round(value, 2) for row, value in scso.lumbar_passive_stiffness(joint).items()}
+    {'L5_S1_z': 20.63, 'L5_S1_x': 26.36}
     """
     stiffness: dict[str, float] = {}
     for joint in joints:

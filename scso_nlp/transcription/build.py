@@ -316,6 +316,12 @@ def build_program(problem: MuscleForceProblem) -> Program:
     Returns
     -------
     Program
+
+    Examples
+    --------
+    >>> program = scso.build_program(problem)
+    >>> program.x.shape, program.g.shape, program.row_names[:2]
+    ((21, 1), (14, 1), ...)
     """
     described = describe(problem)
     n = described.time.size
