@@ -11,17 +11,24 @@ from sphinx.util import logging
 
 _LOG = logging.getLogger(__name__)
 
-#: Sizes of delimiters, which docutils knows with a side only.
-_SIZED = re.compile(r"\\([bB]igg?)(?![a-zA-Z])")
+#: What docutils does not read as LaTeX does, and how to say it to docutils.
+_REWRITTEN = (
+    (re.compile(r"\\([bB]igg?)(?![a-zA-Z])"), r"\\\1l"),  # sizes of delimiters, known with a side only
+    (re.compile(r"(\\[dt]?frac)(\d)"), r"\1{\2}"),  # \frac12: digits are taken together
+    (re.compile(r"(\\[dt]?frac\{\d\})(\w)"), r"\1{\2}"),
+    (re.compile(r"(\\(?:tilde|bar|dot|hat)\s*(?:\\[a-zA-Z]+|\w))_"), r"\1{}_"),  # no limits of accents
+)
 
 
 def mathml(source: str, is_block: bool) -> str:
     r"""Convert LaTeX to MathML.
 
-    >>> mathml(r"\big(a\big)", is_block=False).startswith("<math")
+    >>> mathml(r"\tfrac12\big(a\big)", is_block=False).startswith("<math")
     True
     """
-    return str(tex2mathml(_SIZED.sub(r"\\\1l", source), as_block=is_block))
+    for pattern, replacement in _REWRITTEN:
+        source = pattern.sub(replacement, source)
+    return str(tex2mathml(source, as_block=is_block))
 
 
 def _visit(translator, node: nodes.Element, is_block: bool) -> None:
