@@ -127,11 +127,10 @@ def solve(
 
     Examples
     --------
-    >>> import scso_nlp as scso
-    >>> stability = scso.JointStability(q=20, joints=["lumbar_pelvis"], axes=["z"])
-    >>> solution = scso.solve("setup.xml", stability=stability)
-    >>> solution.stability.rows
-    ('lumbar_pelvis_z',)
+    >>> rows = scso.JointStability(q=20, joints=["elbow"], axes=["z"])
+    >>> stable = scso.solve(example_folder("elbow") / "setup.xml", stability=rows)
+    >>> stable.stability.rows
+    ('elbow_z',)
     """
     if isinstance(setup, str | os.PathLike):
         setup = read_analyze_setup(setup)
