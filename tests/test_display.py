@@ -24,12 +24,14 @@ def plain(html):
 
 def test_a_solution_says_its_problem_and_its_verdict():
     text, html = shows(solution_by_hand(failed=(1,)))
-    first, second, third = text.splitlines()
+    first, second, third, fourth = text.splitlines()
     assert first == (
         "Solution of antagonists: 5 frames from 0 to 1 s, 2 muscles, 1 actuators, 1 free coordinates"
     )
     assert second.strip().startswith("4 of 5 frames solved (1 infeasible); least margin 0 N·m/rad")
     assert third.strip().startswith("reserves carry at most")
+    assert fourth.strip().startswith("worst: MomentEquilibrium[hinge_0] short by 3.1 N·m at t = 0.25 s")
+    assert len(repr(solution_by_hand()).splitlines()) == 3
     # at t = 0.75 s 4.5 N·m ask for 90 N of the front muscle above the tonus of 50 N, of 1000 N
     assert "<tr><td>front_0</td><td>0.14</td><td>0.75</td><td>0.0725</td><td>140</td></tr>" in html
     # two muscles of 50 N at zero moment keep the level of 10 N·m/rad: at 0, 0.5 and 1 s

@@ -250,7 +250,8 @@ class Solution:
         return accessor("plot", self)
 
     def __repr__(self) -> str:
-        lines = (f"Solution of {self.problem.motion.trajectory.summary()}", *self.verdict.lines())
+        lines = [f"Solution of {self.problem.motion.trajectory.summary()}", *self.verdict.lines()]
+        lines += [f"worst: {self.shortfalls[0]}"] if self.shortfalls else []
         return "\n  ".join(lines)
 
     def _repr_html_(self) -> str:
