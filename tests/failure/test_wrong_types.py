@@ -81,7 +81,8 @@ def examples(tmp_path_factory):
     failed = scso.solve_framewise(elbow([600.0]), on_failure="return")
     data = [
         motion, motion.trajectory, motion.trajectory.skeleton, motion.muscles, motion.actuators, curvature,
-        stable, solution, solution.report, solution.optimality, solution.stability, solution.moment_balance,
+        stable, solution, solution[motion.muscles.muscles[0]], solution.report, solution.optimality,
+        solution.stability, solution.moment_balance,
         solution.kept["MomentEquilibrium"], next(iter(whole.matrices.values())), failed.shortfalls[0],
         scso.row_contributions(solution), scso.reachable_stability(two_antagonists(5.0))[0],
         scso.build_program(stable), failed.infeasibility[0], scso.SolverOptions(),
@@ -105,6 +106,7 @@ def examples(tmp_path_factory):
     return found | {
         "SolveFailed": {"solution": failed},
         "load_motion": {"setup": folder / "none.xml"},
+        "solve": {"setup": motion, "options": solve["options"], "on_failure": "return"},
         "load_bundle": {"path": folder / "motion.npz"},
         "save_bundle": {"path": folder / "other.npz", "motion": motion},
         "write_solution": {"solution": solution, "folder": folder / "results", "figures": False},
