@@ -160,7 +160,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     folder = absolute(folder)
     report = _read_report(folder)
     name = report["name"]
-    table = _only_file(folder, name, "activation.sto")
+    table = only_file(folder, name, "activation.sto")
     statuses = report["frame_status"]
     if len(statuses) != table.n_frames:
         raise FileFormatError(
@@ -276,7 +276,14 @@ def _muscle_names(folder: Path, report: dict[str, Any], table: Storage) -> tuple
     return tuple(names)
 
 
-def _only_file(folder: Path, name: str, ending: str) -> Storage:
+def only_file(folder: Path, name: str, ending: str) -> Storage:
+    """Read the one file of a motion with this ending, whatever its analysis is called.
+
+    Raises
+    ------
+    DataError
+        None, or several.
+    """
     found = sorted(folder.glob(f"{glob.escape(name)}_*_{ending}"))
     if len(found) != 1:
         raise DataError(

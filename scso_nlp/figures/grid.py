@@ -184,10 +184,14 @@ def add_legend(
     width = figure.get_figwidth() * INCH
     entries = legend_entries(figure) if entries is None else entries
     widths = [_HANDLE + text_width(label, TEXT) for label in entries]
-    n_columns = len(widths) if sum(widths) <= width else max(1, int(width / max(widths)))
+    n_columns = len(widths)
+    while n_columns > 1 and sum(max(widths[i::n_columns]) for i in range(n_columns)) > width:
+        n_columns -= 1
     lines = [line for note in notes for line in textwrap.wrap(note, _fitting(width - 3.0, LEAST_TEXT))]
     of_notes = _NOTE_LINE * len(lines) + 1.0 if lines else 0.0
-    height = _grow(figure, of_notes + (_LEGEND_LINE * math.ceil(len(widths) / n_columns) if entries else 0.0))
+    height = _grow(
+        figure, of_notes + (_LEGEND_LINE * math.ceil(len(widths) / max(n_columns, 1)) if entries else 0.0)
+    )
     if lines:
         figure.text(
             1.5 / width, 1.0 / height, literal("\n".join(lines)), fontsize=LEAST_TEXT, va="bottom",

@@ -18,13 +18,15 @@ TRIVIAL = 0.5
 _IDLE = 0.05
 
 
-def folded(required: Series, muscles: Series) -> tuple[tuple[Sided, ...], tuple[str, ...]]:
+def folded(required: Series, *muscles: Series) -> tuple[tuple[Sided, ...], tuple[str, ...]]:
     """Find the coordinates that are worth a panel, and say what the others would show.
 
     Parameters
     ----------
-    required, muscles : Series
-        Moments that the motion asks for, and those of muscles; the rest is carried by reserves.
+    required : Series
+        Moments that the motion asks for.
+    *muscles : Series
+        Those of muscles, one per result; the rest is carried by reserves.
 
     Returns
     -------
@@ -35,10 +37,11 @@ def folded(required: Series, muscles: Series) -> tuple[tuple[Sided, ...], tuple[
         Of the coordinates whose reserves carry little, and of those that no muscle moves.
     """
     names = required.names
-    carried = {name: _peak(required.column(name) - muscles.column(name)) for name in names}
+    carried = {n: max(_peak(required.column(n) - each.column(n)) for each in muscles) for n in names}
+    given = {name: max(_peak(each.column(name)) for each in muscles) for name in names}
     asked = {name: max(_peak(required.column(name)), NEGLIGIBLE_MOMENT) for name in names}
     trivial = [name for name in names if carried[name] <= TRIVIAL * RESERVE_LIMIT * asked[name]]
-    idle = [n for n in names if n not in trivial and _peak(muscles.column(n)) <= _IDLE * asked[n]]
+    idle = [n for n in names if n not in trivial and given[n] <= _IDLE * asked[n]]
     nothing = [name for name in names if asked[name] <= NEGLIGIBLE_MOMENT]
     panels = _worth(names, (*trivial, *idle)) or _worth(names, (*idle, *nothing))[:MOST_PANELS]
     drawn = {name for pair in panels for name in pair.members.values()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -91,6 +91,15 @@ class Series:
     def are_few(self) -> bool:
         """True where frames are few enough to get a marker each."""
         return len(self.time) <= FEW_FRAMES
+
+    def only(self, names: Sequence[str]) -> Series:
+        """Keep some columns."""
+        at = [self.names.index(name) for name in names]
+        level, highest = (None if bound is None else bound[at] for bound in (self.level, self.highest))
+        units = tuple(self.units[i] for i in at)
+        return replace(
+            self, names=tuple(names), values=self.values[:, at], units=units, level=level, highest=highest
+        )
 
     def bound(self, what: str, name: str) -> float:
         """Give the ``"level"`` or ``"highest"`` of a name [unit]; NaN where there is none."""

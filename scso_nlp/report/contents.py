@@ -46,6 +46,12 @@ _STABILITY_DESCRIPTION = (
     "of levels that may be missed at a price, what is missed in N.m/rad. For a whole Hessian: its smallest\n"
     "eigenvalue, levels taken off, and mode: the turn that belongs to it.\n"
 )
+_MOMENT_DESCRIPTION = (
+    "Generalized force of every coordinate that the motion asks for, as inverse dynamics calls it: _moment\n"
+    "in N.m, _force in N; and what muscles and reserves give of it.\n"
+)
+#: Endings of the columns of moments: what the motion asks for, what muscles and what actuators give.
+MOMENT_PARTS = {"required": "", "muscles": "_muscles", "reserves": "_reserves"}
 _CONTROL_HEAD = """\t\t\t<ControlLinear name={name}>
 \t\t\t\t<is_model_control>true</is_model_control>
 \t\t\t\t<extrapolate>true</extrapolate>
@@ -202,6 +208,19 @@ def _stability(solution: Solution) -> Storage | None:
     return _storage(solution, "Joint Stability", tuple(labels), values, _STABILITY_DESCRIPTION)
 
 
+def _moments(solution: Solution) -> Storage:
+    """Moment balance of every coordinate."""
+    balance = solution.moment_balance
+    names = [
+        f"{name}_{'moment' if unit == 'N·m' else 'force'}"
+        for name, unit in zip(balance.coordinates, balance.unit, strict=True)
+    ]
+    labels = tuple(name + ending for ending in MOMENT_PARTS.values() for name in names)
+    values = np.hstack([balance.required, balance.muscles, balance.actuators])
+    values[~solution.is_solved] = np.nan
+    return _storage(solution, "Moment Balance", labels, values, _MOMENT_DESCRIPTION)
+
+
 def _status(solution: Solution) -> Storage:
     """Status of every frame, and what it misses."""
     codes = [f"{code} {status.name}: {status.value}\n" for status, code in STATUS_CODES.items()]
@@ -275,6 +294,11 @@ RESULT_FILES = (
         holds="if there are stability rows: stability, level, margin, multiplier of every row, and what soft "
         "ones miss; for `full` the smallest eigenvalue and its mode",
         content=_stability,
+    ),
+    ResultFile(
+        name="{name}_moments.sto",
+        holds="moment of every coordinate: required, of muscles, of reserves",
+        content=_moments,
     ),
     ResultFile(
         name="{name}_status.sto",

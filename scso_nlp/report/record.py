@@ -70,6 +70,8 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             "final_time": trajectory.time[-1],
             "muscles": len(trajectory.muscles),
             "muscle_names": list(trajectory.muscles),
+            "max_activation": problem.motion.muscles.max_activation,
+            "at_rest": trajectory.is_at_rest,
             "actuators": len(trajectory.actuators),
             "coordinates": list(trajectory.coordinates),
             "muscle_model": repr(problem.muscle_model),

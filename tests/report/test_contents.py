@@ -92,6 +92,22 @@ def test_columns_are_actuators_in_the_order_of_the_force_set(tmp_path):
     np.testing.assert_array_equal(force.time, solution.problem.motion.trajectory.time)
 
 
+def test_moments_are_called_as_inverse_dynamics_calls_them(tmp_path):
+    solution = solution_by_hand(n_pairs=2)
+    trajectory = replace(solution.problem.motion.trajectory, is_rotational=[True, False])
+    balance = replace(solution.moment_balance, unit=("N·m", "N"))
+    problem = with_motion(solution.problem, trajectory=trajectory)
+    write(replace(solution, problem=problem, moment_balance=balance), tmp_path / "results")
+    table = read_storage(tmp_path / "results" / "antagonists_moments.sto")
+    names = ("hinge_0_moment", "hinge_1_force")
+    assert table.labels == (*names, *(f"{n}_muscles" for n in names), *(f"{n}_reserves" for n in names))
+    # by hand muscles take nine tenths
+    required = trajectory.generalized_forces
+    np.testing.assert_array_equal(table.columns(names), required)
+    np.testing.assert_allclose(table.values[:, 2:4], 0.9 * required, atol=1e-12)
+    np.testing.assert_allclose(table.values[:, 4:6], 0.1 * required, atol=1e-12)
+
+
 def test_a_trajectory_without_force_columns_writes_muscles_then_actuators_then_other_forces(tmp_path):
     solution = solution_by_hand()
     trajectory = replace(solution.problem.motion.trajectory, force_columns=())
