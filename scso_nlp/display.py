@@ -29,6 +29,29 @@ def without_arrays(data: Any) -> str:
     return f"{type(data).__name__}({', '.join(f'{name}={_brief(value)}' for name, value in values)})"
 
 
+def without_defaults(data: Any) -> str:
+    """Write a data class as Python does, but leave out what is as it is by default.
+
+    Parameters
+    ----------
+    data : object
+        What is no data class is written as Python does.
+
+    Returns
+    -------
+    str
+    """
+    if not dataclasses.is_dataclass(data) or isinstance(data, type):
+        return repr(data)
+    values = ((item, getattr(data, item.name)) for item in dataclasses.fields(data) if item.repr)
+    changed = [f"{item.name}={_brief(value)}" for item, value in values if not _is_default(item, value)]
+    return f"{type(data).__name__}({', '.join(changed)})"
+
+
+def _is_default(item: dataclasses.Field[Any], value: object) -> bool:
+    return type(value) is type(item.default) and value == item.default
+
+
 def _brief(value: Any) -> str:
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"array of shape {value.shape}"

@@ -11,7 +11,7 @@ from scso_nlp.arguments import checked_as
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.display import card, table
+from scso_nlp.display import card, table, without_defaults
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Term
 from scso_nlp.motion import Motion
@@ -112,11 +112,11 @@ class MuscleForceProblem:
         lines = [
             self.motion.trajectory.summary(),
             f"  unknowns    a ({muscles.n_muscles}), c ({actuators.n_actuators}) in every frame",
-            f"  forces      {self.muscle_model!r}",
+            f"  forces      {without_defaults(self.muscle_model)}",
         ]
-        lines += [f"  minimise    {term!r}" for term in self.objectives]
-        lines += [f"  subject to  {term!r}" for term in self.constraints]
-        lines += [f"  observed    {term!r}" for term in self.observed]
+        lines += [f"  minimise    {without_defaults(term)}" for term in self.objectives]
+        lines += [f"  subject to  {without_defaults(term)}" for term in self.constraints]
+        lines += [f"  observed    {without_defaults(term)}" for term in self.observed]
         if muscles.n_muscles:
             low, high = float(np.min(muscles.min_activation)), float(np.max(muscles.max_activation))
             lines.append(f"  bounds      {low:g} <= a <= {high:g}, controls as in the model")

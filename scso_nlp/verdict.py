@@ -50,6 +50,9 @@ class Verdict:
     n_frames : int
     margin : Extreme or None
         Least margin of the stability rows, and smallest eigenvalue less its levels; None without rows.
+    frames_stable : int or None
+        Solved frames in which every stability row keeps its level, soft and observed ones too; None without
+        rows.
     missed : Extreme or None
         Largest miss of a soft level; None where none is missed.
     frames_missed : int
@@ -76,6 +79,7 @@ class Verdict:
     residual_moment: Extreme | None
     motor_force: Extreme | None = None
     motor_moment: Extreme | None = None
+    frames_stable: int | None = None
     effort: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -120,6 +124,8 @@ class Verdict:
         )
         first = f"{self.counts.get('SOLVED', 0)} of {self.n_frames} frames solved"
         first += f" ({counts})" if counts else ""
+        if self.frames_stable is not None and any(status in self.counts for status in USABLE):
+            first += f"; stable in {self.frames_stable}"
         if self.missed is not None:
             first += f"; levels missed in {self.frames_missed} frames, most by {self.missed}"
         if self.margin is not None:

@@ -8,7 +8,7 @@ from helpers import random_problem, with_motion, with_trajectory
 from solution_by_hand import solution_by_hand
 
 import scso_nlp as scso
-from scso_nlp.display import MOST_ROWS, card, table
+from scso_nlp.display import MOST_ROWS, card, table, without_defaults
 
 EVIL = "<script>alert(1)</script> & more"
 
@@ -28,7 +28,9 @@ def test_a_solution_says_its_problem_and_its_verdict():
     assert first == (
         "Solution of antagonists: 5 frames from 0 to 1 s, 2 muscles, 1 actuators, 1 free coordinates"
     )
-    assert second.strip().startswith("4 of 5 frames solved (1 infeasible); least margin 0 N·m/rad")
+    assert second.strip().startswith(
+        "4 of 5 frames solved (1 infeasible); stable in 4; least margin 0 N·m/rad"
+    )
     assert third.strip().startswith("reserves carry at most")
     assert fourth.strip().startswith("worst: MomentEquilibrium[hinge_0] short by 3.1 N·m at t = 0.25 s")
     assert len(repr(solution_by_hand()).splitlines()) == 3
@@ -140,3 +142,10 @@ def test_long_tables_are_cut_and_what_is_left_is_counted():
     assert "and 5 more" in text
     assert table(("name",), []) == ""
     assert card(f"{EVIL}\n  {EVIL}").count("&lt;script&gt;") == 2
+
+
+def test_what_is_so_by_default_is_left_out():
+    assert without_defaults(scso.ActivationEffort()) == "ActivationEffort()"
+    changed = without_defaults(scso.JointStability(q=20.0, axes=("z",)))
+    assert changed == "JointStability(q=20.0, axes=('z',))"
+    assert without_defaults(3.5) == "3.5"

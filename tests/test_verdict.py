@@ -9,7 +9,7 @@ import pytest
 from helpers import random_problem, with_motion, with_stability
 
 import scso_nlp as scso
-from scso_nlp.solution import Status
+from scso_nlp.solution import ACTIVE_MARGIN, Status
 from scso_nlp.verdict import RESERVE_LIMIT, UNUSABLE, USABLE
 
 
@@ -28,9 +28,24 @@ def test_hard_levels_that_are_kept_leave_a_clean_verdict(rng):
     assert verdict.counts == {"SOLVED": 3}
     assert verdict.missed is None
     assert verdict.margin.amount == pytest.approx(solution.stability.margin.min(), abs=1e-12)
-    assert verdict.lines()[0].startswith("3 of 3 frames solved; least margin ")
+    assert verdict.lines()[0].startswith("3 of 3 frames solved; stable in 3; least margin ")
     just_kept = dataclasses.replace(verdict, margin=dataclasses.replace(verdict.margin, amount=-1e-13))
     assert f"least margin 0 N·m/rad ({verdict.margin.name} at" in just_kept.lines()[0]
+
+
+def test_frames_count_as_stable_where_every_row_keeps_its_level(rng):
+    """By hand, for rows that are only observed: some frames keep them, others do not."""
+    problem = random_problem(rng, n_frames=8)
+    free = scso.solve_trajectory(problem.without_stability())
+    middle = {
+        name: float(np.median(free.stability.stability[:, i])) for i, name in enumerate(free.stability.rows)
+    }
+    free = scso.solve_trajectory(with_stability(problem, middle).without_stability())
+    kept = (free.stability.margin >= -ACTIVE_MARGIN).all(axis=1)
+    assert 0 < kept.sum() < 8
+    assert free.verdict.frames_stable == kept.sum()
+    assert f"; stable in {kept.sum()}; least margin" in free.verdict.lines()[0]
+    assert scso.solve_trajectory(random_problem(rng, stability=False)).verdict.frames_stable is None
 
 
 def test_missed_soft_levels_are_said_with_row_time_and_amount(rng):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.exceptions import DataError
 
 if TYPE_CHECKING:
-    from scso_nlp.emg import Comparison
+    from scso_nlp.emg import Comparison, MotionResult
 
 Results = Annotated[
     list[Path], typer.Argument(metavar="RESULT...", help="Result folders of one motion, written by scso run.")
@@ -84,8 +85,12 @@ def read_comparison(
     raw_emg: bool,
     peak_emg: bool,
     emg_offset: float,
+    prepare: Callable[[Sequence[MotionResult]], Sequence[MotionResult]] = tuple,
 ) -> Comparison:
-    """Read everything that the options name and compare it; see :func:`compare`."""
+    """Read everything that the options name and compare it; see :func:`compare`.
+
+    The results go through `prepare` before.
+    """
     from scso_nlp.emg import compare as compare_results
     from scso_nlp.emg import envelope, normalize_to_peak, read_emg, read_emg_map, read_results
 
@@ -107,7 +112,7 @@ def read_comparison(
         measured = normalize_to_peak(measured) if peak_emg else measured
     names = [name.strip() for name in labels.split(",")] if labels else []
     return compare_results(
-        read_results(results, names), emg=measured, emg_map=groups, start_offset=emg_offset
+        prepare(read_results(results, names)), emg=measured, emg_map=groups, start_offset=emg_offset
     )
 
 

@@ -36,10 +36,21 @@ def report(
     emg_offset: EmgOffset = 0.0,
     verbose: Verbose = False,
 ) -> None:
-    """Write one HTML page with settings, statuses, tables and figures; it needs no network to open."""
-    with exit_codes(verbose):
-        from scso_nlp.report.page import write_report
+    """Write one HTML page: what was asked, what it is worth, what changed; it needs no network to open.
 
+    A single result of a run with stability rows stands beside the static optimization that it began with.
+    Of a run that failed the page says what each row misses.
+    """
+    with exit_codes(verbose):
+        from scso_nlp.files import absolute
+        from scso_nlp.report.folder import failed_run
+        from scso_nlp.report.page import write_failure, write_report
+        from scso_nlp.report.story import with_static_optimization
+
+        if len(results) == 1 and (failed := failed_run(absolute(results[0]))):
+            write_failure(failed, labels or absolute(results[0]).name, output)
+            typer.echo(f"{output}: a run that failed, {output.stat().st_size / 1e6:.2g} MB")
+            return
         comparison = read_comparison(
             results,
             labels=labels,
@@ -48,12 +59,10 @@ def report(
             raw_emg=raw_emg,
             peak_emg=peak_emg,
             emg_offset=emg_offset,
+            prepare=with_static_optimization,
         )
-        pictures = [
-            folder / f"{result.name}_{what}.png"
-            for folder, result in zip(results, comparison.results, strict=True)
-            for what in _PICTURES
-        ]
+        name = comparison.results[0].name
+        pictures = [folder / f"{name}_{what}.png" for folder in results for what in _PICTURES]
         write_report(comparison, output, pictures=[path for path in pictures if os.path.isfile(path)])
-        n = len(comparison.results)
+        n = len(results)
         typer.echo(f"{output}: {n} result{'s' if n > 1 else ''}, {output.stat().st_size / 1e6:.2g} MB")

@@ -47,6 +47,8 @@ class MotionResult:
         ``"<joint>_<axis>"``.
     stability : ndarray, shape (n_frames, n_stability_rows) [N·m/rad]
         NaN likewise.
+    without_stability : ndarray, shape (n_frames, n_muscles) [-] or None
+        Activations of the static optimization that a run with stability rows began with; NaN likewise.
     report : mapping
         Settings, versions and times as in ``report.json``; may be empty.
     """
@@ -59,6 +61,7 @@ class MotionResult:
     is_solved: BoolArray
     stability_rows: tuple[str, ...] = ()
     stability: FloatArray | None = None
+    without_stability: FloatArray | None = None
     report: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -88,6 +91,31 @@ class MotionResult:
                     "marked as solved, expected a finite number"
                 )
             set_field(self, what, values)
+        if self.without_stability is not None:
+            of_whom = f"activation without stability of {self.label!r}"
+            shape = (n_frames, len(self.muscles))
+            values = read_only(of_whom, self.without_stability, shape, "n_frames, n_muscles", finite=False)
+            set_field(self, "without_stability", values)
+
+    def before_stability(self) -> MotionResult:
+        """Give the static optimization that this run began with, as a result of its own.
+
+        Raises
+        ------
+        DataError
+            It was not kept.
+        """
+        if self.without_stability is None:
+            raise DataError(f"{self.label!r} has no static optimization beside it")
+        return MotionResult(
+            label="static optimization",
+            name=self.name,
+            time=self.time,
+            muscles=self.muscles,
+            activation=self.without_stability,
+            is_solved=np.asarray(np.isfinite(self.without_stability).all(axis=1)),
+            report=told if isinstance(told := self.report.get("without_stability"), Mapping) else {},
+        )
 
     @property
     def n_frames(self) -> int:
@@ -180,6 +208,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
         columns = [label for label in found.labels if label.endswith(suffix)]
         rows = tuple(column.removesuffix(suffix) for column in columns)
         stability = found.columns(columns)
+    before = _without_stability(folder / f"{name}_without_stability.sto", table, muscles)
     try:
         return MotionResult(
             label=Path(os.path.realpath(folder)).name if label is None else label,
@@ -190,6 +219,7 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
             is_solved=np.array([status in USABLE for status in statuses]),
             stability_rows=rows,
             stability=stability,
+            without_stability=before,
             report=report,
         )
     except DataError as error:
@@ -260,6 +290,16 @@ def _read_report(folder: Path) -> dict[str, Any]:
     if not report["name"] or any(character in report["name"] for character in "/\\\0"):
         raise FileFormatError(f"{path}: the name {shown(report['name'])} cannot be the start of file names")
     return report
+
+
+def _without_stability(path: Path, table: Storage, muscles: tuple[str, ...]) -> FloatArray | None:
+    """Read the activations of the static optimization of a run; None where there is no such file."""
+    if not path.exists():
+        return None
+    found = read_storage(path)
+    if not np.array_equal(found.time, table.time):
+        raise FileFormatError(f"{found.source} and {table.source} have different frames")
+    return found.columns(muscles)
 
 
 def _muscle_names(folder: Path, report: dict[str, Any], table: Storage) -> tuple[str, ...]:

@@ -59,6 +59,7 @@ QUANTITIES = {
     "stability": Quantity(word="Stability", kind="stability row"),
     "reaction": Quantity(word="Joint reaction", kind="joint reaction"),
     "moment": Quantity(word="Moment", kind="coordinate"),
+    "shortfall": Quantity(word="Shortfall", kind="row"),
 }
 #: What is this near to its highest value is saturated [-].
 SATURATED = 1e-3

@@ -89,12 +89,15 @@ class ResultFile:
         Makes it of a solution; None where there is nothing to write.
     is_result : bool
         Not written of a run that leaves no results because frames failed.
+    of_baseline : bool
+        Made of the static optimization of a run with stability rows, where there is one.
     """
 
     name: str
     holds: str
     content: Callable[[Solution], Storage | Iterable[str] | None]
     is_result: bool = True
+    of_baseline: bool = False
 
 
 def _activation(solution: Solution) -> Storage:
@@ -299,6 +302,12 @@ RESULT_FILES = (
         name="{name}_moments.sto",
         holds="moment of every coordinate: required, of muscles, of reserves",
         content=_moments,
+    ),
+    ResultFile(
+        name="{name}_without_stability.sto",
+        holds="if there are stability rows: activations and controls of static optimization, for comparison",
+        content=_activation,
+        of_baseline=True,
     ),
     ResultFile(
         name="{name}_status.sto",

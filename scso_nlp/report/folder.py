@@ -213,6 +213,23 @@ def worth(folder: Path) -> int:
     return WITH_GAPS if report and unsolved.intersection(report["frame_status"]) else COMPLETE
 
 
+def failed_run(folder: Path) -> dict[str, Any] | None:
+    """Read the report of a run that left no results: in a folder, or in `FAILED` within it.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    dict of str to object or None
+        None where the folder has results, or no report that can be read.
+    """
+    if worth(folder) != NO_RESULTS:
+        return None
+    return read_report(folder) or read_report(folder / FAILED)
+
+
 def names_in(folder: Path) -> list[str]:
     """Names in a folder, in order; none where it cannot be read, which is said when it is written to."""
     try:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from matplotlib.figure import Figure
 
 from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
@@ -24,11 +25,18 @@ from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
 from scso_nlp.figures.frames import FEW_FRAMES
+from scso_nlp.figures.quantity import plot_quantity
+from scso_nlp.figures.series import Series
+from scso_nlp.figures.sides import paired
 from scso_nlp.files import read_bytes, write_whole
+from scso_nlp.report import story
 from scso_nlp.trajectory import time_text
+from scso_nlp.verdict import USABLE
 
 #: A figure larger than this as a vector is embedded as pixels instead [bytes].
 LARGEST_VECTOR = 400_000
+#: More muscles than this, left and right together, get a figure for every joint [panels].
+MOST_PANELS_OF_ONE = 12
 #: More groups than this get no panels of their own in the report; the table has them all.
 MOST_PANELS = 60
 #: Entries of one list or mapping that are shown.
@@ -49,8 +57,12 @@ _MEANING = {
     "smallest stability": "Least stability of the row over the frames used. Rows that are all kept do "
     "not prove a joint stable in every direction.",
 }
+_MUSCLES = "Activation: all muscles, or those that differ most."
+#: What the page says of EMG.
+_WITH_EMG = "Gray in figures is measured EMG."
+_WITHOUT_EMG = "No EMG was given: nothing here says which result is nearer to a person."
 #: Entries of a result's report that stand elsewhere on the page, or nowhere.
-_SHOWN_ELSEWHERE = {"frame_status", "summary", "verdict", "files_sha256", "name"}
+_SHOWN_ELSEWHERE = {"frame_status", "without_stability", "summary", "verdict", "files_sha256", "name"}
 
 
 def _printable(value: Any) -> Any:
@@ -115,12 +127,52 @@ def render_report(
     return _TEMPLATES.get_template("page.html").render(
         name=comparison.results[0].name,
         extent=_extent(comparison),
-        has_emg=comparison.emg is not None,
+        about_emg=_WITH_EMG if comparison.emg is not None else _WITHOUT_EMG,
         results=[_result(result) for result in comparison.results],
+        joints={title: _figure_address(figure) for title, figure in _joint_figures(comparison).items()},
+        headlines=story.emg_headline(comparison),
+        changes=story.largest_changes(comparison),
+        missing=(),
         figures=addresses,
         has_intervals=any(not math.isnan(row.low) for row in comparison.rows),
         tables=_tables(comparison.rows),
     )
+
+
+def write_failure(report: Mapping[str, Any], label: str, path: str | os.PathLike[str]) -> None:
+    """Write the page about a run that left no results: what was asked, and what each row misses.
+
+    Parameters
+    ----------
+    report : mapping
+        As in ``report.json``.
+    label : str
+    path : path
+        The ``.html`` file; an existing one is replaced.
+
+    Raises
+    ------
+    DataError
+        A page that cannot be written.
+    """
+    statuses = [str(status) for status in report["frame_status"]]
+    solved = sum(status in USABLE for status in statuses)
+    card = _card(label, report) | {"solved": f"{solved} of {len(statuses)}", "is_failed": True}
+    text = _TEMPLATES.get_template("page.html").render(
+        name=report["name"],
+        extent=f"{len(statuses)} frames. The run failed, so it left no activations.",
+        about_emg="",
+        results=[card],
+        headlines=(),
+        changes=(),
+        missing=story.missing(report),
+        joints={},
+        figures={caption: _figure_address(figure) for caption, figure in _shortfall_figures(report).items()},
+        has_intervals=False,
+        tables=(),
+    )
+    with write_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _extent(comparison: Comparison) -> str:
@@ -134,27 +186,32 @@ def _extent(comparison: Comparison) -> str:
 
 
 def _result(result: MotionResult) -> dict[str, Any]:
-    solved, report = int(result.is_solved.sum()), result.report
+    solved = int(result.is_solved.sum())
+    return _card(result.label, result.report) | {
+        "solved": f"{solved} of {result.n_frames}",
+        "is_failed": solved < result.n_frames,
+    }
+
+
+def _card(label: str, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Tell of one run, whether it left results or not."""
     seconds = report.get("seconds")
     seconds = seconds.get("solve") if isinstance(seconds, Mapping) else report.get("solve_seconds")
     return {
-        "label": result.label,
-        "solved": f"{solved} of {result.n_frames}",
-        "is_failed": solved < result.n_frames,
+        "label": label,
         "summary": report.get("summary", ""),
-        "verdict": _lines(report.get("verdict")),
+        "model": story.model_of(report),
+        "asked": story.asked(report),
+        "standing": story.standing(report),
         "time": f"{seconds:.3g} s" if isinstance(seconds, int | float) else "",
         "facts": list(_facts("", {k: v for k, v in report.items() if k not in _SHOWN_ELSEWHERE})),
     }
 
 
-def _lines(verdict: object) -> tuple[str, ...]:
-    """Give the lines of a verdict; none where the report has none, or another program wrote it."""
-    lines = verdict.get("lines") if isinstance(verdict, Mapping) else None
-    return tuple(str(line) for line in lines) if isinstance(lines, Sequence) and lines else ()
-
-
 def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
+    if comparison.emg is None:
+        series = [_series(result) for result in comparison.results]
+        return {f"{_MUSCLES} Frames that are not solved are left blank.": plot_quantity(series)}
     if len(comparison.groups) > MOST_PANELS:
         return {}
     figures = {
@@ -169,6 +226,51 @@ def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
             comparison
         )
     return figures
+
+
+def _joint_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Draw all muscles, by the coordinate that they move most, where one figure has not room for them."""
+    series = [_series(result) for result in comparison.results]
+    muscles = comparison.results[0].muscles
+    moved = story.moved_coordinates(comparison.results[-1].report, muscles)
+    if len(paired(muscles)) <= MOST_PANELS_OF_ONE:
+        return {}
+    figures = {}
+    for joint in paired(tuple(dict.fromkeys(moved.values()))):
+        of_joint = [muscle for muscle, name in moved.items() if name in joint.members.values()]
+        figures[joint.title] = plot_quantity(series, panels=paired(of_joint), heading=joint.title)
+    return figures
+
+
+def _series(result: MotionResult) -> Series:
+    return Series(
+        label=result.label,
+        time=result.time,
+        names=result.muscles,
+        values=np.where(result.is_solved[:, None], result.activation, np.nan),
+        units=("-",),
+    )
+
+
+def _shortfall_figures(report: Mapping[str, Any]) -> dict[str, Figure]:
+    """Draw what a failed run misses over time; nothing for a single frame."""
+    entries = list(story.shortfalls(report))
+    times = sorted({time for *_, time in entries})
+    if len(times) < 2:
+        return {}
+    rows = tuple(dict.fromkeys(row for _, row, *_ in entries))
+    units = {row: unit for _, row, unit, *_ in entries}
+    values = np.zeros((len(times), len(rows)))
+    for _, row, _, amount, time in entries:
+        values[times.index(time), rows.index(row)] = amount
+    series = Series(
+        label="missing",
+        time=np.array(times),
+        names=rows,
+        values=values,
+        units=tuple(units[row] for row in rows),
+    )
+    return {"What the rows miss over time, largest first.": plot_quantity([series], quantity="shortfall")}
 
 
 def _picture(path: Path) -> tuple[str, str]:

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from scso_nlp.display import without_defaults
 from scso_nlp.solution import InfeasibilityProof, Solution, Status
+from scso_nlp.trajectory import MotionTrajectory
 
 #: Version of the layout of ``report.json``.
 REPORT_VERSION = 1
@@ -72,11 +74,17 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             "muscle_names": list(trajectory.muscles),
             "max_activation": problem.motion.muscles.max_activation,
             "at_rest": trajectory.is_at_rest,
+            "moved_coordinate": _moved_coordinates(trajectory),
             "actuators": len(trajectory.actuators),
             "coordinates": list(trajectory.coordinates),
             "muscle_model": repr(problem.muscle_model),
             "objectives": [repr(term) for term in problem.objectives],
             "constraints": [repr(term) for term in problem.constraints],
+            "in_short": {
+                "Muscle model": [without_defaults(problem.muscle_model)],
+                "Least": [without_defaults(term) for term in problem.objectives],
+                "Subject to": [without_defaults(term) for term in problem.constraints],
+            },
         },
         "settings": dict(record.settings),
         "inputs_sha256": dict(record.inputs),
@@ -102,12 +110,33 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             **asdict(solution.verdict),
             "lines": solution.verdict.lines(baseline.verdict if baseline else None),
         },
+        "without_stability": None
+        if baseline is None
+        else {
+            "frame_status": [status.name for status in baseline.frame_status],
+            "verdict": asdict(baseline.verdict),
+        },
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
         "infeasibility": [_proof(proof) for proof in solution.infeasibility],
         "notes": list(record.notes),
     }
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _moved_coordinates(trajectory: MotionTrajectory) -> dict[str, str]:
+    """Name for every muscle the coordinate about which its mean moment arm is largest."""
+    if not trajectory.coordinates:
+        return {}
+    arm = np.abs(trajectory.moment_arms).mean(axis=0)
+    turns = np.asarray(trajectory.is_rotational)
+    arm = np.where(turns[:, None] | ~turns.any(), arm, 0.0)
+    largest = arm.argmax(axis=0)
+    return {
+        muscle: trajectory.coordinates[i]
+        for m, (muscle, i) in enumerate(zip(trajectory.muscles, largest, strict=True))
+        if arm[i, m] > 0
+    }
 
 
 def _proof(proof: InfeasibilityProof) -> dict[str, object]:

@@ -83,7 +83,7 @@ def write_solution(
         Write results although some frame is not solved; those frames are NaN in every result file.
         Without it such a run leaves the status file and the report only.
     baseline : Solution, optional
-        Of the same motion; drawn in the figures, not written.
+        Of the same motion without stability rows; drawn in the figures, its activations written.
     figures : bool
         What fails in a figure costs only that figure, with a warning.
     overwrite : bool
@@ -123,9 +123,10 @@ def write_solution(
     has_results = keep_failed or is_complete
     report = report_on(solution, record, baseline)
     makers = {
-        file.name.format(name=name, analysis=analysis_name): file.content
+        file.name.format(name=name, analysis=analysis_name): functools.partial(file.content, subject)
         for file in RESULT_FILES
         if has_results or not file.is_result
+        if (subject := baseline if file.of_baseline else solution) is not None
     }
     own = _own_files(name, analysis_name)
 
@@ -138,7 +139,7 @@ def write_solution(
             place = kept
             if worth(kept) > (COMPLETE if is_complete else WITH_GAPS if has_results else NO_RESULTS):
                 place = kept / FAILED
-            report = _put(solution, report, place, own, makers)
+            report = _put(report, place, own, makers)
             if place == kept:
                 _remove_failed(kept / FAILED, name, own)
             else:
@@ -168,11 +169,10 @@ def _found(folder: Path, own: re.Pattern[str]) -> list[str]:
 
 
 def _put(
-    solution: Solution,
     report: Mapping[str, Any],
     folder: Path,
     own: re.Pattern[str],
-    makers: Mapping[str, Callable[[Solution], Storage | Iterable[str] | None]],
+    makers: Mapping[str, Callable[[], Storage | Iterable[str] | None]],
 ) -> dict[str, Any]:
     """Put files and report in place of those in a folder that match `own`, or leave those there.
 
@@ -183,7 +183,7 @@ def _put(
         new.mkdir(parents=True)
         started = time.perf_counter()
         for file, make in makers.items():
-            _write(make(solution), new / file)
+            _write(make(), new / file)
         told = _with_seconds(report, writing=time.perf_counter() - started)
         _write_report(told, new, own)
         old.mkdir()

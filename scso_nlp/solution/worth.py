@@ -88,6 +88,7 @@ def verdict_of(
         margin=None
         if stability is None
         else _extreme(at, stability.rows, -stability.margin, "N·m/rad", -1.0),
+        frames_stable=None if stability is None else int((solved & _is_stable(stability)).sum()),
         missed=worst_miss if is_missed.any() else None,
         frames_missed=int(is_missed.sum()),
         reserve=_extreme(at, balance.coordinates, shares, "%"),
@@ -97,6 +98,11 @@ def verdict_of(
         motor_moment=unmoved["N·m", False],
         effort=effort,
     )
+
+
+def _is_stable(stability: StabilityMargin) -> BoolArray:
+    """Tell of every frame whether all its rows keep their level, shape (n_frames,)."""
+    return np.asarray((stability.margin >= -ACTIVE_MARGIN).all(axis=1))
 
 
 def effort_of(

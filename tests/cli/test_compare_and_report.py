@@ -87,8 +87,19 @@ def test_report_writes_one_page(runs):
     found = call("report", runs / "so", runs / "scso", "--labels", "SO,SCSO", "--output", runs / "page.html")
     assert found.exit_code == 0, found.output
     text = (runs / "page.html").read_text(encoding="utf-8")
-    assert '<th scope="row">SCSO</th>' in text
-    assert "all 21 frames solved" in text
+    assert "<h3>SCSO</h3>" in text
+    assert "21 of 21 frames solved" in text
+
+
+def test_report_of_a_run_that_failed_says_what_is_missing(runs):
+    write_solution(solution_by_hand(21, failed=(1, 3)), runs / "bad")
+    found = call("report", runs / "bad", "--output", runs / "page.html")
+    assert found.exit_code == 0, found.output
+    assert "a run that failed" in found.output
+    text = (runs / "page.html").read_text(encoding="utf-8")
+    assert "<h3>bad</h3>" in text
+    assert "19 of 21 frames solved" in text
+    assert "it left no activations" in text
 
 
 @pytest.mark.parametrize(

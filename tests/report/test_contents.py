@@ -74,6 +74,17 @@ def test_without_stability_rows_there_is_no_stability_file(tmp_path):
     assert not (tmp_path / "results" / "antagonists_stability.sto").exists()
 
 
+def test_static_optimization_stands_beside_the_results_of_a_run_with_stability_rows(tmp_path):
+    before = solution_by_hand(stability=False)
+    write(solution_by_hand(), tmp_path / "results", baseline=before)
+    found = read_storage(tmp_path / "results" / "antagonists_without_stability.sto")
+    alone = write(before, tmp_path / "alone")
+    expected = read_storage(tmp_path / "alone" / "antagonists_StaticOptimization_activation.sto")
+    assert found.labels == expected.labels
+    np.testing.assert_array_equal(found.values, expected.values)
+    assert not [path for path in alone if path.name.endswith("_without_stability.sto")]
+
+
 def test_columns_are_actuators_in_the_order_of_the_force_set(tmp_path):
     solution = solution_by_hand(n_pairs=2)
     write(solution, tmp_path / "results")

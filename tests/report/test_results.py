@@ -27,8 +27,8 @@ from scso_nlp.solution import Solution
 
 
 def declared(solution: Solution, *, is_result: bool = True) -> set[str]:
-    """Names of the files that a solution is written to; without results if there are none."""
-    found = [file for file in RESULT_FILES if is_result or not file.is_result]
+    """Names of the files that a solution alone is written to; without results if there are none."""
+    found = [file for file in RESULT_FILES if not file.of_baseline and (is_result or not file.is_result)]
     found = [file.name for file in found if file.content(solution) is not None]
     names = {name.format(name="antagonists", analysis="StaticOptimization") for name in found}
     return names | {"report.json"}
