@@ -22,7 +22,7 @@ extensions = [
     "mathml",
     "generated_pages",
 ]
-exclude_patterns = ["_site"]
+exclude_patterns = ["_site", "generated/result_files.md"]  # the second is part of reference/files.md
 html_theme = "furo"
 html_title = "scso_nlp"
 html_static_path = ["_site/static"]

@@ -15,6 +15,7 @@ import shlex
 import shutil
 import sys
 import tomllib
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import pytest
@@ -49,14 +50,25 @@ def motions(tmp_path_factory):
     return tmp_path_factory.mktemp("motions")
 
 
+#: All that stability rows could need of a motion.
+EVERYTHING = {
+    "muscle_paths": True,
+    "stability_axes": tuple(("all", axis) for axis in "xyz"),
+    "curvature_coordinates": ("all",),
+}
+
+
 @pytest.fixture
 def reader(tmp_path, monkeypatch, motions):
-    """A folder to follow a page in; figures, which have tests of their own, are not drawn."""
-    for module in (scso_nlp.opensim.engine, scso_nlp.run):
+    """A folder to follow a page in; figures, which have tests of their own, are not drawn.
+
+    Command lines find out themselves what they need of a motion: one that has everything stands for all.
+    """
+    for module, more in ((scso_nlp.opensim.engine, {}), (scso_nlp.run, EVERYTHING)):
         load = module.load_with_hashes
 
-        def cached(motion, *, load=load, **more):
-            return load(motion, **(more | {"cache": motions}))
+        def cached(motion, *, load=load, more=more, **options):
+            return load(replace(motion, **more), **(options | {"cache": motions}))
 
         monkeypatch.setattr(module, "load_with_hashes", cached)
     monkeypatch.setattr("scso_nlp.figures.draw_and_save", lambda draw, folder, name: ())
@@ -177,5 +189,6 @@ def test_formulas_become_mathml_or_say_that_they_cannot():
     half = mathml.mathml(r"\tfrac12\tilde\ell_T\big(x\big)", is_block=True)
     assert re.search(r"<mfrac[^>]*>\s*<mn>1</mn>\s*<mn>2</mn>\s*</mfrac>", half)
     assert "munder" not in half
+    assert mathml.mathml(r"\big(x\big) y", is_block=False).count("<mrow>") == 1
     with pytest.raises(mathml.MathError):
         mathml.mathml(r"\nothing{x}", is_block=False)

@@ -65,7 +65,7 @@ problem = scso.MuscleForceProblem(
 solution = scso.solve_trajectory(problem)
 """
 #: Width of help texts [characters].
-_WIDTH = 100
+_WIDTH = 86
 
 
 def pages() -> Iterator[tuple[str, str | bytes]]:

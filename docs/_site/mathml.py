@@ -13,7 +13,11 @@ _LOG = logging.getLogger(__name__)
 
 #: What docutils does not read as LaTeX does, and how to say it to docutils.
 _REWRITTEN = (
-    (re.compile(r"\\([bB]igg?)(?![a-zA-Z])"), r"\\\1l"),  # sizes of delimiters, known with a side only
+    (
+        re.compile(r"\\([bB]igg?)(?=\s*(?:[(\[]|\\\{))"),
+        r"\\\1l",
+    ),  # sizes of delimiters, known with a side only
+    (re.compile(r"\\([bB]igg?)(?=\s*(?:[)\]]|\\\}))"), r"\\\1r"),
     (re.compile(r"(\\[dt]?frac)(\d)"), r"\1{\2}"),  # \frac12: digits are taken together
     (re.compile(r"(\\[dt]?frac\{\d\})(\w)"), r"\1{\2}"),
     (re.compile(r"(\\(?:tilde|bar|dot|hat)\s*(?:\\[a-zA-Z]+|\w))_"), r"\1{}_"),  # no limits of accents
