@@ -51,6 +51,8 @@ from .objectives.function_objective import FunctionObjective as FunctionObjectiv
 from .objectives.objective import FrameObjective as FrameObjective
 from .objectives.objective import FramePairObjective as FramePairObjective
 from .opensim.engine import load_motion as load_motion
+from .overview.info import ModelInfo as ModelInfo
+from .overview.info import info as info
 from .problem import MuscleForceProblem as MuscleForceProblem
 from .report.results import write_solution as write_solution
 from .run import solve as solve

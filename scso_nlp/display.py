@@ -82,15 +82,16 @@ def card(text: str, *tables: str) -> str:
     return f"<div><strong>{escape(heading)}</strong>{shown_lines}{''.join(tables)}</div>"
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[object]], most: int = MOST_ROWS) -> str:
     """Make a small table in HTML.
 
     Parameters
     ----------
     head : sequence of str
     rows : sequence of sequences
-        Numbers are written with four digits, text stands to the left; everything is escaped. What is beyond
-        :data:`MOST_ROWS` is counted in a last row.
+        Numbers are written with four digits, text stands to the left; everything is escaped.
+    most : int
+        How many rows are shown; the others are counted in a last one.
 
     Returns
     -------
@@ -99,9 +100,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """
     if not rows:
         return ""
-    lines = [_line("th", head), *(_line("td", row) for row in rows[:MOST_ROWS])]
-    if len(rows) > MOST_ROWS:
-        lines.append(f'<tr><td colspan="{len(head)}">and {len(rows) - MOST_ROWS} more</td></tr>')
+    lines = [_line("th", head), *(_line("td", row) for row in rows[:most])]
+    if len(rows) > most:
+        lines.append(f'<tr><td colspan="{len(head)}">and {len(rows) - most} more</td></tr>')
     return f"<table>{''.join(lines)}</table>"
 
 

@@ -67,6 +67,7 @@ LAYERS = (
     "declared_settings",
     "settings",
     "run",
+    "overview",
     "cli",
     "__main__",
 )

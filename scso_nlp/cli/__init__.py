@@ -6,6 +6,7 @@ import typer
 
 from scso_nlp.cli.compare import compare
 from scso_nlp.cli.example import example
+from scso_nlp.cli.info import info
 from scso_nlp.cli.init import init
 from scso_nlp.cli.plot import plot
 from scso_nlp.cli.reach import reach
@@ -40,5 +41,5 @@ def _options(
     """Take the options that stand before a command."""
 
 
-for _command in (run, init, example, compare, plot, report, reach):
+for _command in (run, init, info, example, compare, plot, report, reach):
     app.command()(_command)
