@@ -31,7 +31,7 @@ def _files(inputs: Inputs) -> Table:
     notes = []
     if inputs.n_frames:
         notes.append(
-            f"{inputs.n_frames} frames to analyze, {time_text(inputs.initial_time)} to "
+            f"about {inputs.n_frames} frames to analyze, {time_text(inputs.initial_time)} to "
             f"{time_text(inputs.final_time)} s"
             + (f", low-pass filter at {inputs.cutoff:g} Hz" if inputs.cutoff else ", no filter")
         )

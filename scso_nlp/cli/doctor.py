@@ -1,0 +1,47 @@
+"""``scso doctor``: what a setup holds, and what to do with it."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from typing import Any
+
+import typer
+
+from scso_nlp.cli.exit_codes import BAD_INPUT, FRAME_FAILED, exit_codes
+from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.signals import undisturbed
+
+
+@with_every_setting
+def doctor(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
+    """Say what scso info says of a setup, and advise: stability that is there, the q it takes, reserves.
+
+    Takes the settings of scso run and writes no files; without stability among them it looks at every row
+    that muscles can keep. Exit code 0: nothing stands in the way; 1: some frame has no answer, or a row is
+    out of reach; 2: input that cannot be used.
+    """
+    with exit_codes(verbose):
+        typer.echo(f"{source.name}: asking OpenSim ...", err=True)
+        with undisturbed():
+            from scso_nlp.overview.advice import advice_tables
+            from scso_nlp.overview.diagnosis import diagnose
+            from scso_nlp.overview.info import WIDTH, info
+            from scso_nlp.overview.inputs import collected_notes
+            from scso_nlp.overview.table import as_text
+            from scso_nlp.settings import read_settings
+
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDTH
+        settings, where = read_settings(source, changes)
+        found = info(settings.motion)
+        typer.echo(as_text(found.tables(), width))
+        if found.inputs is not None and found.inputs.problem:
+            raise typer.Exit(BAD_INPUT)
+        typer.echo(f"{source.name}: solving with and without stability ...", err=True)
+        # what there is to be said has been said above
+        with collected_notes():
+            diagnosis = diagnose(settings, where, found.description)
+        typer.echo(as_text(advice_tables(diagnosis, str(source)), width), nl=False)
+        solved = diagnosis.baseline.is_solved.all()
+        if not solved or any(row.is_out_of_reach.any() for row in diagnosis.rows):
+            raise typer.Exit(FRAME_FAILED)

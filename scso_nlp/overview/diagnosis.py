@@ -1,0 +1,209 @@
+"""A setup solved with and without stability: what is kept already, and what it would take to keep all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scso_nlp.arguments import checked
+from scso_nlp.constraints.coordinate_stability import CoordinateStability
+from scso_nlp.constraints.joint_stability import JointStability
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.declared_settings import SOLVERS
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.opensim.description import ModelDescription
+from scso_nlp.opensim.engine import load_motion
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.run import check_names, describe
+from scso_nlp.settings import OutputSettings, RunSettings
+from scso_nlp.solution import Solution
+from scso_nlp.solver import SolverOptions, critical_q, reachable_stability
+from scso_nlp.validation import BoolArray, FloatArray
+
+#: A row counts as kept if its margin is not below this [N·m/rad].
+LEAST_MARGIN = -1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowDiagnosis:
+    """A stability row beside plain static optimization.
+
+    Attributes
+    ----------
+    row : str
+    margin : ndarray, shape (n_frames,) [N·m/rad]
+        Of static optimization, with the muscle stiffness that is asked about; NaN where it has no answer.
+    highest : ndarray, shape (n_frames,) [N·m/rad]
+        The most stability less level that the row can have, if moments are kept; NaN where nothing is known.
+    q : ndarray, shape (n_frames,) [-]
+        From which on static optimization keeps the row; infinite where none is enough.
+    multiplier : ndarray, shape (n_frames,) [rad/(N·m)]
+        What it costs to keep the row, with all others; NaN where they cannot all be kept.
+    """
+
+    row: str
+    margin: FloatArray
+    highest: FloatArray
+    q: FloatArray
+    multiplier: FloatArray
+
+    @property
+    def is_kept(self) -> BoolArray:
+        """Tell in which frames static optimization keeps the row, shape (n_frames,)."""
+        return np.asarray(self.margin >= LEAST_MARGIN)
+
+    @property
+    def is_out_of_reach(self) -> BoolArray:
+        """Tell in which frames no activation keeps it, shape (n_frames,)."""
+        return np.asarray(self.highest < LEAST_MARGIN)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """What can be said of a setup before stability is asked of it.
+
+    Attributes
+    ----------
+    constraints : tuple of StabilityConstraint
+        Those that were looked at: the settings' own, else every row that muscles can keep.
+    baseline : Solution
+        Static optimization.
+    solution : Solution or None
+        With the constraints; None if there are none.
+    rows : tuple of RowDiagnosis
+    """
+
+    constraints: tuple[StabilityConstraint, ...]
+    baseline: Solution
+    solution: Solution | None
+    rows: tuple[RowDiagnosis, ...]
+
+    @property
+    def is_kept(self) -> BoolArray:
+        """Tell in which frames static optimization keeps all rows, shape (n_frames,)."""
+        return np.all([row.is_kept for row in self.rows], axis=0)
+
+
+@checked
+def diagnose(settings: RunSettings, output: OutputSettings, model: ModelDescription) -> Diagnosis:
+    """Solve a setup with and without stability, and find what stability would take.
+
+    Parameters
+    ----------
+    settings : RunSettings
+    output : OutputSettings
+        Only `processes` and `cache` matter here.
+    model : ModelDescription
+        Says which rows to look at where the settings name none.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DataError, EngineError, NameMismatchError, ProblemError
+        As for :func:`scso_nlp.run.run`.
+    """
+    own = settings.stability
+    terms = (replace(own, soft=None),) if own is not None else stable_terms(model)
+    check_names(settings.motion, terms, settings.weights)
+    motion = load_motion(settings.motion, prepare_for=terms, processes=output.processes, cache=output.cache)
+    plain = describe(replace(settings, stability=None), motion)
+    problem = replace(plain, constraints=(*plain.constraints, *terms))
+    return diagnosis_of(problem, solver=settings.solver, options=settings.options)
+
+
+def diagnosis_of(
+    problem: MuscleForceProblem, *, solver: str = "trajectory", options: SolverOptions | None = None
+) -> Diagnosis:
+    """Do what :func:`diagnose` does with a problem.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+        With the stability constraints to look at, if any.
+    solver, options
+        As for :func:`scso_nlp.run.solve`.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    terms, solve = problem.stability_terms, SOLVERS[solver].thing
+    baseline = solve(problem.without_stability(), options=options, on_failure="return")
+    solution = solve(problem, options=options, on_failure="return", baseline=baseline) if terms else None
+    rows = [row for term in terms for row in _rows(problem, term, baseline, solution)]
+    return Diagnosis(constraints=terms, baseline=baseline, solution=solution, rows=tuple(rows))
+
+
+def stable_terms(model: ModelDescription) -> tuple[JointStability, ...]:
+    """Return the constraints that hold all rows that muscles can keep: one for joints with the same axes.
+
+    Parameters
+    ----------
+    model : ModelDescription
+
+    Returns
+    -------
+    tuple of JointStability
+        None if no row can be kept.
+    """
+    by_axes: dict[tuple[str, ...], list[str]] = {}
+    for joint in model.joints:
+        axes = tuple(axis.axis for axis in joint.axes if axis.can_be_stable)
+        if axes:
+            by_axes.setdefault(axes, []).append(joint.name)
+    return tuple(
+        JointStability(joints=joints, axes=axes, label="" if len(by_axes) == 1 else f"axes {','.join(axes)}")
+        for axes, joints in by_axes.items()
+    )
+
+
+def _rows(
+    problem: MuscleForceProblem, term: StabilityConstraint, baseline: Solution, solution: Solution | None
+) -> list[RowDiagnosis]:
+    names = term.row_names(problem.motion)
+    if not isinstance(term, JointStability | CoordinateStability):
+        names = ("smallest_eigenvalue",)
+    found, with_rows = baseline.stability, None if solution is None else solution.stability
+    assert found is not None
+    alone = replace(problem, constraints=(*problem.without_stability().constraints, term))
+    try:
+        (reach,) = reachable_stability(alone)
+        highest = reach.highest - reach.level
+    # rows that are not affine
+    except ProblemError:
+        highest = np.full((problem.motion.n_frames, len(names)), np.nan)
+    rows = []
+    for i, name in enumerate(names):
+        k = found.rows.index(name)
+        one = replace(alone, constraints=(*alone.without_stability().constraints, _only(term, name, problem)))
+        multiplier = np.full(problem.motion.n_frames, np.nan)
+        if with_rows is not None:
+            multiplier = with_rows.multiplier[:, with_rows.rows.index(name)]
+        rows.append(
+            RowDiagnosis(
+                row=name,
+                margin=found.margin[:, k],
+                highest=highest[:, i],
+                q=critical_q(one, baseline),
+                multiplier=multiplier,
+            )
+        )
+    return rows
+
+
+def _only(term: StabilityConstraint, row: str, problem: MuscleForceProblem) -> StabilityConstraint:
+    """Return a constraint with one of its rows."""
+    names = term.row_names(problem.motion)
+    if row not in names:
+        return term
+    i = names.index(row)
+    level, passive = ({row: float(term.by_row(v, names)[i])} for v in (term.level, term.passive_stiffness))
+    if isinstance(term, JointStability):
+        joint, _, axis = row.rpartition("_")
+        return replace(term, joints=(joint,), axes=(axis,), level=level, passive_stiffness=passive)
+    assert isinstance(term, CoordinateStability)
+    return replace(term, coordinates=(row,), level=level, passive_stiffness=passive)
