@@ -129,6 +129,7 @@ def test_a_plain_setup_file_gives_results_and_exit_code_0(spine):
         "spine_load_height_StaticOptimization_activation.sto",
         "spine_load_height_StaticOptimization_force.sto",
         "spine_load_height_StaticOptimization_controls.xml",
+        "spine_load_height_moments.sto",
         "spine_load_height_status.sto",
         "report.json",
     }
