@@ -71,6 +71,8 @@ def reader(tmp_path, monkeypatch, motions):
             return load(replace(motion, **more), **(options | {"cache": motions}))
 
         monkeypatch.setattr(module, "load_with_hashes", cached)
+    # a motion that is there needs no worker
+    monkeypatch.setattr(sys.modules["scso_nlp.cli.run"], "number_of_cores", lambda: 0)
     monkeypatch.setattr("scso_nlp.figures.draw_and_save", lambda draw, folder, name: ())
     monkeypatch.chdir(tmp_path)
     yield tmp_path

@@ -29,7 +29,7 @@ NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 
 #: Page of the public names of each folder or file of the package; others go to the last one.
 API_PAGES = {
-    "motion": ("Motions", ("opensim", "motion", "trajectory", "muscles", "io")),
+    "motion": ("Motions", ("opensim", "overview", "motion", "trajectory", "muscles", "io")),
     "problem": ("Problems", ("problem", "methods")),
     "muscle_models": ("Muscle models and stiffness laws", ("muscle_models",)),
     "objectives": ("Objectives", ("objectives",)),

@@ -127,6 +127,12 @@ def info(source: str | os.PathLike[str] | MotionInput) -> ModelInfo:
     -----
     OpenSim reads the model in a process of its own; with a setup it also tries some frames of the motion,
     which tells whether units are proven wrong.
+
+    Examples
+    --------
+    >>> found = scso.info(example_folder("elbow") / "elbow.osim")
+    >>> [joint.name for joint in found.description.joints]
+    ['elbow']
     """
     if isinstance(source, MotionInput):
         return _of_motion(source.motion, source)
