@@ -43,7 +43,6 @@ def _row_table(found: Diagnosis) -> Table:
     for row in found.rows:
         known = np.isfinite(row.margin)
         k = int(np.nanargmin(row.margin)) if known.any() else 0
-        active = row.multiplier > 0
         rows.append(
             (
                 row.row,
@@ -51,7 +50,7 @@ def _row_table(found: Diagnosis) -> Table:
                 f"{row.margin[k]:.4g} at {time_text(time[k])}" if known.any() else "–",
                 _gain(row.q),
                 f"{row.is_out_of_reach.sum()}" if np.isfinite(row.highest).any() else "–",
-                f"{active.sum()}, most {np.nanmax(row.multiplier):.2g}" if active.any() else "0",
+                _cost(row.multiplier),
             )
         )
     laws = {_law(term) for term in found.constraints}
@@ -70,6 +69,16 @@ def _row_table(found: Diagnosis) -> Table:
             "keeps it from q: the gain from which on static optimization keeps the row in every frame",
             "costs: where keeping all rows is paid for at this one, and the most per N·m/rad",
         ),
+    )
+
+
+def _cost(multiplier: FloatArray) -> str:
+    """Say where a row costs something, among the frames that have an answer with all rows."""
+    solved, active = np.isfinite(multiplier), multiplier > 0
+    if not solved.any():
+        return "no answer"
+    return f"{active.sum()} of {solved.sum()}" + (
+        f", most {multiplier[active].max():.2g}" if active.any() else ""
     )
 
 
@@ -129,10 +138,10 @@ def _on_power(found: Diagnosis, source: str) -> list[str]:
         )
     elif kept < n and enough:
         advice.append(f"from q = {enough} on no frame would change any more (--q {enough})")
-    if found.solution is not None and not out:
-        solved = int(found.solution.is_solved.sum())
-        if solved < n:
-            advice.append(f"each row can be kept alone, but all together only in {solved} frames: --soft 1")
+    if found.solution is not None and (solved := int(found.solution.is_solved.sum())) < n:
+        advice.append(
+            f"all rows together are kept in {solved} of {n} frames; --soft 1 answers in all of them"
+        )
     for term in found.constraints:
         if isinstance(term, JointStability):
             joints = f" --joints {','.join(term.joints)}" if term.joints else ""

@@ -181,8 +181,9 @@ def _rows(
         k = found.rows.index(name)
         one = replace(alone, constraints=(*alone.without_stability().constraints, _only(term, name, problem)))
         multiplier = np.full(problem.motion.n_frames, np.nan)
-        if with_rows is not None:
-            multiplier = with_rows.multiplier[:, with_rows.rows.index(name)]
+        if solution is not None and with_rows is not None:
+            found_there = with_rows.multiplier[:, with_rows.rows.index(name)]
+            multiplier = np.where(solution.is_solved, found_there, np.nan)
         rows.append(
             RowDiagnosis(
                 row=name,
