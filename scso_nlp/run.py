@@ -16,6 +16,7 @@ from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
 from scso_nlp.frame import Frame
+from scso_nlp.messages import STAGES, kept_warnings
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
@@ -190,21 +191,29 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
         Contradictory settings.
     """
     output = output or OutputSettings()
-    started = time.perf_counter()
-    motion, inputs = _extract(settings, output)
-    seconds = {"extraction": time.perf_counter() - started}
-    problem = describe(settings, motion)
-    solve = functools.partial(SOLVERS[settings.solver].thing, options=settings.options, on_failure="return")
-    baseline = None
-    if settings.stability is not None:
-        baseline = solve(problem.without_stability())
-        seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
-    solution = solve(problem, baseline=baseline)
+    with kept_warnings() as warnings:
+        STAGES.info("reading %s", settings.motion.model.name)
+        started = time.perf_counter()
+        motion, inputs = _extract(settings, output)
+        seconds = {"extraction": time.perf_counter() - started}
+        problem = describe(settings, motion)
+        solve = functools.partial(
+            SOLVERS[settings.solver].thing, options=settings.options, on_failure="return"
+        )
+        baseline = None
+        frames = motion.trajectory.n_frames
+        if settings.stability is not None:
+            STAGES.info("solving %d frames without stability rows", frames)
+            baseline = solve(problem.without_stability())
+            seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
+        STAGES.info("solving %d frames", frames)
+        solution = solve(problem, baseline=baseline)
     facts = RunRecord(
         inputs={**settings.sources, **inputs},
         settings=record(settings, output),
         seconds=seconds,
         notes=(*settings.notes, *(settings.stability.notes(motion) if settings.stability else ())),
+        warnings=tuple(warnings),
     )
     return RunResult(settings=settings, solution=solution, baseline=baseline, record=facts)
 

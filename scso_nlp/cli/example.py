@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scso_nlp.cli.console import stages_shown
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.signals import undisturbed
 
@@ -47,7 +48,8 @@ def example(
             from scso_nlp.settings import OutputSettings, read_settings
 
         settings, _ = read_settings(source / "scso.toml")
-        result = run(settings)
+        with stages_shown():
+            result = run(settings)
         folder = output or Path("scso_results") / name
         if result.baseline is not None:
             plain = replace(result, solution=result.baseline, baseline=None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import sys
@@ -14,7 +13,9 @@ from types import FrameType
 
 import typer
 
+from scso_nlp.cli.console import Console
 from scso_nlp.exceptions import ScsoError, loading_fault
+from scso_nlp.messages import LOGGER
 from scso_nlp.text import printable
 
 #: Some frame was not solved.
@@ -32,21 +33,23 @@ CLOSED_PIPE = 141
 
 
 @contextmanager
-def exit_codes(verbose: bool) -> Iterator[None]:
+def exit_codes(verbose: bool) -> Iterator[Console]:
     """Turn exceptions into exit codes: one sentence for bad input, a traceback for a bug.
 
     Signals that would end the process at once raise as Ctrl-C does, so that temporary folders and worker
     processes go with it.
+
+    Yields
+    ------
+    Console
+        Where messages go meanwhile.
     """
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Printable("scso: %(message)s"))
-    logger = logging.getLogger("scso_nlp")
-    level = logger.level
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO if verbose else logging.WARNING)
+    console, level = Console(verbose), LOGGER.level
+    LOGGER.addHandler(console)
+    LOGGER.setLevel(console.level)
     try:
         with _stop_signals():
-            yield
+            yield console
     except ScsoError as error:
         typer.echo(printable(f"error: {error}"), err=True)
         raise typer.Exit(BAD_INPUT) from None
@@ -71,16 +74,8 @@ def exit_codes(verbose: bool) -> Iterator[None]:
         typer.echo("error: this is a bug in scso, please report it with the lines above", err=True)
         raise typer.Exit(BUG) from None
     finally:
-        logger.removeHandler(handler)
-        logger.setLevel(level)
-
-
-class _Printable(logging.Formatter):
-    """Messages as a terminal may show them."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Format as usual, control characters written out."""
-        return printable(super().format(record))
+        LOGGER.removeHandler(console)
+        LOGGER.setLevel(level)
 
 
 def _outside(error: Exception) -> str:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from scso_nlp.cli.console import stages_shown
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.messages import STAGES
 from scso_nlp.opensim.workers import number_of_cores, started_early
 from scso_nlp.signals import undisturbed
 
@@ -24,19 +26,26 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     With a plain setup file the answer is that of OpenSim's own static optimization. Exit code 0: all frames
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
-    with exit_codes(verbose), started_early(_most_workers(source, changes)):
-        with undisturbed():
-            from scso_nlp.report.folder import refuse_unwritable
+    with exit_codes(verbose) as console, started_early(_most_workers(source, changes)):
+        with stages_shown(), undisturbed():
+            STAGES.info("starting")
+            from scso_nlp.report.folder import read_report, refuse_unwritable
             from scso_nlp.run import run as solve
             from scso_nlp.run import write_run
             from scso_nlp.settings import read_settings
 
         settings, where = read_settings(source, changes)
-        refuse_unwritable(where.folder_for(settings.motion.name).absolute())
-        result = solve(settings, where)
+        folder = where.folder_for(settings.motion.name).absolute()
+        refuse_unwritable(folder)
+        before = (read_report(folder) or {}).get("warnings")
+        with stages_shown(), console.held_back():
+            result = solve(settings, where)
+        console.tell(result.record.warnings, known=before if isinstance(before, list) else ())
         # known now; figures take longer than solving
         _tell_answer(result)
-        _tell_files(result, write_run(result, where))
+        with stages_shown():
+            files = write_run(result, where)
+        _tell_files(result, files)
         if not result.solution.verdict.is_clean:
             raise typer.Exit(FRAME_FAILED)
 

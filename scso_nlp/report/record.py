@@ -32,12 +32,15 @@ class RunRecord:
         Wall times beside those of the solver, e.g. of the extraction.
     notes : tuple of str
         What was assumed or approximated, one sentence each.
+    warnings : tuple of str
+        Of reading and solving, one sentence each.
     """
 
     inputs: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, object] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) -> dict[str, Any]:
@@ -119,6 +122,7 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
         "shortfalls": [{**asdict(item), "text": str(item)} for item in solution.shortfalls],
         "infeasibility": [_proof(proof) for proof in solution.infeasibility],
         "notes": list(record.notes),
+        "warnings": list(record.warnings),
     }
     plain: dict[str, Any] = _plain(report)
     return plain

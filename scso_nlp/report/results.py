@@ -24,6 +24,7 @@ from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError
 from scso_nlp.files import absolute, check_name, sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
+from scso_nlp.messages import STAGES
 from scso_nlp.report.contents import RESULT_FILES
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -145,6 +146,7 @@ def write_solution(
             else:
                 _LOG.warning("this run is in %s, because it failed: earlier results in %s stay", place, kept)
             if has_results and figures:
+                STAGES.info("drawing figures; the results can be read already, in %s", place)
                 started = time.perf_counter()
                 _write_figures(solution, place, baseline)
                 try:
