@@ -33,6 +33,8 @@ from .frame import Rows as Rows
 from .frame import VariableSpec as VariableSpec
 from .io.bundle import load_bundle as load_bundle
 from .io.bundle import save_bundle as save_bundle
+from .joint_reactions import JointReactionMap as JointReactionMap
+from .joint_reactions import JointReactions as JointReactions
 from .methods import stability_constrained_static_optimization as stability_constrained_static_optimization
 from .methods import static_optimization as static_optimization
 from .motion import Motion as Motion

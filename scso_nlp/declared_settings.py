@@ -299,6 +299,8 @@ SETTINGS = {setting.name: setting for setting in (
         "as first-order dynamics does, or by constant bounds"),
     Setting("activation_dynamics", FLAG, PROBLEM, example="false", default="false",
         help="Let activations follow excitations by first-order dynamics with the model's time constants"),
+    Setting("joint_reactions", NAMES, PROBLEM, place="motion.joint_reactions", example='["knee_r", "hip_r"]',
+        default="none", help="Joints whose reactions are computed and written to a file, or all"),
     Setting("stability", _one_of("off", *STABILITY_METHODS), STABILITY, place="run.stability",
         example='"potvin-brown"', default="off", is_filled_in=True, help="Stability about joint axes "
         "(potvin-brown), along coordinates (diagonal), or of their whole Hessian (full)"),

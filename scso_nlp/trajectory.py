@@ -15,6 +15,7 @@ import numpy as np
 from scso_nlp.arguments import checked
 from scso_nlp.display import card, table, without_arrays
 from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.joint_reactions import JointReactionMap
 from scso_nlp.text import shown
 from scso_nlp.validation import (
     BoolArray,
@@ -288,6 +289,8 @@ class MotionTrajectory:
     skeleton : Skeleton or None
     curvature : CoordinateCurvature or None
         Only where it was asked for.
+    joint_reactions : JointReactionMap or None
+        Likewise.
     """
 
     name: str
@@ -311,6 +314,7 @@ class MotionTrajectory:
     base_coordinates: tuple[str, ...] | None = None
     skeleton: Skeleton | None = None
     curvature: CoordinateCurvature | None = None
+    joint_reactions: JointReactionMap | None = None
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -363,6 +367,15 @@ class MotionTrajectory:
             if found != (f, n_muscles):
                 raise DataError(
                     f"curvature has {found} (n_frames, n_muscles), the trajectory has {(f, n_muscles)}"
+                )
+
+        if self.joint_reactions is not None:
+            of_muscles, of_actuators = self.joint_reactions.per_tendon_force, self.joint_reactions.per_control
+            sizes = (len(of_muscles), of_muscles.shape[3], of_actuators.shape[3])
+            if sizes != (f, n_muscles, n_actuators):
+                raise DataError(
+                    f"joint_reactions has {sizes} (n_frames, n_muscles, n_actuators), the trajectory has "
+                    f"{(f, n_muscles, n_actuators)}"
                 )
 
     @property
@@ -501,6 +514,6 @@ def _select_frames(data: _Data, selection: slice | IntArray) -> _Data:
         value = getattr(data, item.name)
         if isinstance(value, np.ndarray) and item.name not in _WITHOUT_FRAMES:
             changes[item.name] = value[selection]
-        elif isinstance(value, Skeleton | CoordinateCurvature):
+        elif isinstance(value, Skeleton | CoordinateCurvature | JointReactionMap):
             changes[item.name] = value.frames(selection)
     return replace(data, **changes)  # type: ignore[arg-type]

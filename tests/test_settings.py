@@ -79,6 +79,7 @@ ARRIVES = {
     "actuators": ("a.xml,b.xml", '["a.xml", "b.xml"]', (Path("a.xml"), Path("b.xml"))),
     "replace_force_set": (True, "true", True),
     "outside_force_set": ("a, b", '["a", "b"]', ("a", "b")),
+    "joint_reactions": ("knee_r, hip_r", '["knee_r", "hip_r"]', ("knee_r", "hip_r")),
     "name": ("trunk", '"trunk"', "trunk"),
     "initial_time": ("1", "1", 1.0),
     "final_time": ("4.5", "4.5", 4.5),

@@ -5,12 +5,15 @@ Everything about it is known in closed form: a double pendulum in the x-y plane.
 
 import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
 
 #: The script that asks OpenSim itself; OpenSim never enters the test process.
 ORACLE = Path(__file__).with_name("opensim") / "opensim_oracle.py"
@@ -22,6 +25,8 @@ UPPER_CENTER, LOWER_CENTER = 0.13, 0.12
 SLIDE_PER_RADIAN = 0.02
 CYLINDER_RADIUS = 0.025
 GRAVITY = 9.80665
+#: The coordinate of each joint of the small case.
+COORDINATES = {"shoulder": "shoulder_flexion", "elbow": "elbow_flexion", "sliding": "slide"}
 
 
 def _body(name: str, mass: float, center: float, wraps: str = "") -> str:
@@ -216,6 +221,79 @@ def write_tiny(folder: Path) -> Tiny:
         actuators=folder / "reserves.xml",
         loads=folder / "loads.xml",
     )
+
+
+def turn_round(tiny: Tiny, reversed_joints: Iterable[str]) -> None:
+    """Write joints from their distal body to the other, and their coordinates with the other sign."""
+    text, actuators = tiny.model.read_text(), tiny.actuators.read_text()
+    time = np.linspace(0.0, 1.0, 101)
+    elbow = 0.6 + 0.4 * np.sin(2 * np.pi * time)
+    columns = {
+        "shoulder_flexion": 0.3 * np.cos(2 * np.pi * time),
+        "elbow_flexion": elbow,
+        "slide": SLIDE_PER_RADIAN * elbow,
+    }
+    for joint in reversed_joints:
+        usual = r"(Joint name=\"{}\">)<socket_parent_frame>from(.*?)<socket_child_frame>to<"
+        other = r"\1<socket_parent_frame>to\2<socket_child_frame>from<"
+        text, found = re.subn(usual.format(joint), other, text)
+        assert found == 1
+        columns[COORDINATES[joint]] = -columns[COORDINATES[joint]]
+        if joint == "shoulder":
+            text = text.replace("<rest_length>0.1<", "<rest_length>-0.1<")
+        else:
+            text = re.sub(r"<coefficients>(-?)", lambda sign: "<coefficients>" + "-" * (not sign[1]), text)
+        if joint == "elbow":
+            actuators = actuators.replace("<optimal_force>4<", "<optimal_force>-4<")
+    tiny.model.write_text(text)
+    tiny.actuators.write_text(actuators)
+    write_motion(tiny.moving, time, columns)
+
+
+def add_a_rocker(tiny: Tiny, *, by_joints: bool = True) -> None:
+    """Close a loop by joints, or by a constraint: a rocker hangs on ground and on the lower body's end."""
+
+    def reach(shoulder: float, elbow: float) -> np.ndarray:
+        both = shoulder + elbow
+        end = UPPER_LENGTH * np.array([np.sin(shoulder), -np.cos(shoulder)])
+        return end + 0.2 * np.array([np.sin(both), -np.cos(both)]) + [-0.3, -0.1]
+
+    length = float(np.linalg.norm(reach(0.3, 0.7)))
+    angle = float(np.arctan2(*reach(0.3, 0.7)[::-1]))
+    pin = """<PinJoint name="{0}"><socket_parent_frame>from</socket_parent_frame>
+      <socket_child_frame>to</socket_child_frame><coordinates><Coordinate name="{0}_angle">
+      <default_value>{1}</default_value></Coordinate></coordinates><frames>
+      <PhysicalOffsetFrame name="from"><socket_parent>{2}</socket_parent><translation>{3}</translation>
+      </PhysicalOffsetFrame><PhysicalOffsetFrame name="to"><socket_parent>{4}</socket_parent>
+      <translation>{5}</translation></PhysicalOffsetFrame></frames></PinJoint>"""
+    joints = pin.format("rocking", angle, "/ground", "0.3 1.1 0", "/bodyset/rocker", "0 0 0")
+    end = f"{length} 0 0"
+    if by_joints:
+        joints += pin.format("closing", 1.0 - angle, "/bodyset/rocker", end, "/bodyset/lower", "0 -0.2 0")
+    point = f"""<PointConstraint name="closing"><socket_body_1>/bodyset/rocker</socket_body_1>
+      <socket_body_2>/bodyset/lower</socket_body_2><location_body_1>{end}</location_body_1>
+      <location_body_2>0 -0.2 0</location_body_2></PointConstraint>"""
+    body = """<Body name="rocker"><mass>0.5</mass><mass_center>0.1 0 0</mass_center>
+      <inertia>0.01 0.002 0.01 0 0 0</inertia></Body>"""
+    text = tiny.model.read_text()
+    text = text.replace('<Body name="slider">', body + '<Body name="slider">')
+    text = text.replace("<SliderJoint", joints + "<SliderJoint")
+    coupler = "<CoordinateCouplerConstraint"
+    tiny.model.write_text(text if by_joints else text.replace(coupler, point + coupler))
+    for name, step in (("before", -1e-3), ("middle", 0.0), ("after", 1e-3)):
+        elbow = 0.7 + step
+        shoulder = brentq(lambda s, e=elbow: np.linalg.norm(reach(s, e)) - length, 0.2, 0.4, xtol=1e-14)
+        rocking = np.arctan2(*reach(shoulder, elbow)[::-1])
+        columns = {
+            "shoulder_flexion": shoulder,
+            "elbow_flexion": elbow,
+            "slide": SLIDE_PER_RADIAN * elbow,
+            "rocking_angle": rocking,
+        }
+        if by_joints:
+            columns["closing_angle"] = shoulder + elbow - rocking
+        still = {coordinate: np.array(value) for coordinate, value in columns.items()}
+        write_motion(tiny.folder / f"{name}.mot", np.linspace(0, 0.1, 11), still)
 
 
 def ask_opensim(folder: Path, **question: object) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from scso_nlp.joint_reactions import JointReactionMap
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
 from scso_nlp.opensim.plausible import notes_on_units
@@ -46,17 +47,22 @@ def assemble(motion: MotionInput, result: Result) -> Motion:
             own["frame_seconds"],
             own["peak_memory"] / 1e6,
         )
-    fields: dict[str, dict[str, Any]] = {"curvature": {}, **header}
+    fields: dict[str, dict[str, Any]] = {"curvature": {}, "joint_reactions": {}, **header}
     for name, array in result.arrays.items():
         group, field = name.split(".")
         fields[group][field] = array
     _report_contradictions(motion, fields["log"])
     curvature = CoordinateCurvature(**fields["curvature"]) if fields["curvature"] else None
+    reactions = JointReactionMap(**fields["joint_reactions"]) if fields["joint_reactions"] else None
     muscles, actuators = MuscleParameters(**fields["muscles"]), ActuatorParameters(**fields["actuators"])
     if curvature is not None:
         _report_uncertainty(motion, muscles, curvature)
     trajectory = MotionTrajectory(
-        name=motion.name, skeleton=Skeleton(**fields["skeleton"]), curvature=curvature, **fields["trajectory"]
+        name=motion.name,
+        skeleton=Skeleton(**fields["skeleton"]),
+        curvature=curvature,
+        joint_reactions=reactions,
+        **fields["trajectory"],
     )
     for note in notes_on_units(motion, trajectory, fields["log"]["size"]):
         logger.warning("%s", note)

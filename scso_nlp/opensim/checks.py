@@ -86,6 +86,7 @@ def check_input(motion: MotionInput) -> CheckedInput:
     for what, chosen, known in (
         ("coordinate", motion.curvature_coordinates, names.coordinates),
         ("joint", [joint for joint, _ in motion.stability_axes], names.joints),
+        ("joint", motion.joint_reactions, names.joints),
     ):
         names.require(what, [name for name in chosen if name != "all"], known)
     table = with_distinct_times(_with_columns(read_storage(motion.motion)))

@@ -67,6 +67,7 @@ DEEPEST = 200
     outside_force_set=str | Iterable[str],
     held_coordinates=str | Iterable[str],
     curvature_coordinates=str | Iterable[str],
+    joint_reactions=str | Iterable[str],
     **dict.fromkeys(("model",), str | os.PathLike[str]),
     **dict.fromkeys(("coordinates", "states", "speeds", "external_loads"), str | os.PathLike[str] | None),
 )
@@ -120,6 +121,9 @@ class MotionInput:
     curvature_coordinates : tuple of str or "all"
         Free coordinates along which second derivatives of path lengths, loads and passive forces are
         computed; "all" is every free coordinate that some muscle depends on.
+    joint_reactions : tuple of str or "all"
+        Joints whose reactions are computed, affine in tendon forces and controls; "all" is every joint, also
+        one that cannot move. They take 48 bytes per frame, joint and muscle or actuator.
     """
 
     model: Path
@@ -142,6 +146,7 @@ class MotionInput:
     muscle_paths: bool = True
     stability_axes: tuple[tuple[str, str], ...] = ()
     curvature_coordinates: tuple[str, ...] = ()
+    joint_reactions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -151,10 +156,12 @@ class MotionInput:
         if isinstance(self.actuators, (str, os.PathLike)):
             set_field(self, "actuators", (self.actuators,))
         set_field(self, "actuators", tuple(absolute(path) for path in self.actuators))
-        for name in ("outside_force_set", "held_coordinates", "curvature_coordinates"):
+        lists = ("outside_force_set", "held_coordinates", "curvature_coordinates", "joint_reactions")
+        for name in lists:
             names = getattr(self, name)
             set_field(self, name, (names,) if isinstance(names, str) else tuple(names))
         set_field(self, "curvature_coordinates", unique_names("coordinate", self.curvature_coordinates))
+        set_field(self, "joint_reactions", unique_names("joint", self.joint_reactions))
         axes = tuple((str(joint), str(axis)) for joint, axis in self.stability_axes)
         wrong = [axis for _, axis in axes if axis not in ("x", "y", "z")]
         if wrong:

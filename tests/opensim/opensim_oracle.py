@@ -150,6 +150,46 @@ def loads(question):
     np.savez(question["output"], forces=np.array(forces))
 
 
+def carried(question):
+    """Read what joints exert on their children, in ground, with given forces of muscles."""
+    result = []
+    for model, state in poses(question):
+        muscles = model.getMuscles()
+        for i in range(muscles.getSize()):
+            muscles.get(i).overrideActuation(state, True)
+            muscles.get(i).setOverrideActuation(state, question["forces"].get(muscles.get(i).getName(), 0.0))
+        model.realizeAcceleration(state)
+        joints = [model.getJointSet().get(name) for name in question["joints"]]
+        both = [joint.calcReactionOnChildExpressedInGround(state) for joint in joints]
+        result.append([[*one.get(1).to_numpy(), *one.get(0).to_numpy()] for one in both])
+    np.savez(question["output"], reactions=np.array(result))
+
+
+def joint_reactions(question):
+    """Run JointReaction on a setup file with given forces, on either body in every frame."""
+    tool = opensim.AnalyzeTool(question["setup"])
+    model = tool.getModel()
+    for i in range(model.getAnalysisSet().getSize()):
+        model.getAnalysisSet().get(i).setOn(False)
+    for on, frame in question["places"]:
+        analysis = opensim.JointReaction(model)
+        analysis.setName(f"{on}_{frame}")
+        analysis.setForcesFileName(question["forces"])
+        for choose, word in (
+            (analysis.setJointNames, "ALL"),
+            (analysis.setOnBody, on),
+            (analysis.setInFrame, frame),
+        ):
+            words = opensim.ArrayStr()
+            words.append(word)
+            choose(words)
+        model.addAnalysis(analysis)
+    tool.setResultsDir(question["results"])
+    # 8 digits after the point by default
+    tool.setOutputPrecision(12)
+    tool.run()
+
+
 def main():
     """Answer the question given as JSON on the command line."""
     question = json.loads(sys.argv[1])
@@ -162,6 +202,8 @@ def main():
         "weights": weights,
         "prepared": prepared,
         "loads": loads,
+        "carried": carried,
+        "joint reactions": joint_reactions,
     }[question["kind"]](question)
 
 

@@ -52,11 +52,12 @@ def test_the_number_of_processes_does_not_change_one_bit(
     case: str, tiny: Tiny, request: pytest.FixtureRequest
 ) -> None:
     setup, changes = tiny.setup, {"stability_axes": (("elbow", "z"), ("elbow", "x"))}
-    changes["curvature_coordinates"] = "all"
+    changes |= {"curvature_coordinates": "all", "joint_reactions": "all"}
     if case == "walking3d":
         setup = request.getfixturevalue("shared_data") / case / "setup_static_optimization.xml"
         changes = {"final_time": 0.7, "stability_axes": (("hip_r", "x"),)}
         changes["curvature_coordinates"] = ("hip_flexion_r", "knee_angle_r", "ankle_angle_r")
+        changes["joint_reactions"] = ("walker_knee_r",)
     alone, *others = (load_motion(setup, processes=n, **changes) for n in (1, 2, 3))
     for other in others:
         assert_identical(alone, other)

@@ -1,13 +1,11 @@
 """The multibody tree: joints written either way, and components that stand outside the model's sets."""
 
 import re
-from collections.abc import Iterable
 
 import numpy as np
 import pytest
 import tiny_model
-from scipy.optimize import brentq
-from tiny_model import Tiny, write_motion
+from tiny_model import Tiny
 
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.trajectory import MotionTrajectory
@@ -15,8 +13,6 @@ from scso_nlp.trajectory import MotionTrajectory
 pytestmark = pytest.mark.opensim
 
 AXES = tuple((joint, axis) for joint in ("shoulder", "elbow", "sliding") for axis in "xyz")
-#: The coordinate of each joint of the small case.
-COORDINATES = {"shoulder": "shoulder_flexion", "elbow": "elbow_flexion", "sliding": "slide"}
 
 
 def _load(tiny: Tiny) -> MotionTrajectory:
@@ -30,33 +26,6 @@ def _load(tiny: Tiny) -> MotionTrajectory:
     ).trajectory
 
 
-def _turn_round(tiny: Tiny, reversed_joints: Iterable[str]) -> None:
-    """Write joints from their distal body to the other, and their coordinates with the other sign."""
-    text, actuators = tiny.model.read_text(), tiny.actuators.read_text()
-    time = np.linspace(0.0, 1.0, 101)
-    elbow = 0.6 + 0.4 * np.sin(2 * np.pi * time)
-    columns = {
-        "shoulder_flexion": 0.3 * np.cos(2 * np.pi * time),
-        "elbow_flexion": elbow,
-        "slide": tiny_model.SLIDE_PER_RADIAN * elbow,
-    }
-    for joint in reversed_joints:
-        usual = r"(Joint name=\"{}\">)<socket_parent_frame>from(.*?)<socket_child_frame>to<"
-        other = r"\1<socket_parent_frame>to\2<socket_child_frame>from<"
-        text, found = re.subn(usual.format(joint), other, text)
-        assert found == 1
-        columns[COORDINATES[joint]] = -columns[COORDINATES[joint]]
-        if joint == "shoulder":
-            text = text.replace("<rest_length>0.1<", "<rest_length>-0.1<")
-        else:
-            text = re.sub(r"<coefficients>(-?)", lambda sign: "<coefficients>" + "-" * (not sign[1]), text)
-        if joint == "elbow":
-            actuators = actuators.replace("<optimal_force>4<", "<optimal_force>-4<")
-    tiny.model.write_text(text)
-    tiny.actuators.write_text(actuators)
-    write_motion(tiny.moving, time, columns)
-
-
 @pytest.mark.parametrize(
     "reversed_joints", [("shoulder",), ("elbow",), ("sliding",), ("shoulder", "elbow", "sliding")]
 )
@@ -64,7 +33,7 @@ def test_a_joint_written_towards_ground_is_the_mirror_image_of_the_usual_one(
     tiny: Tiny, reversed_joints: tuple[str, ...]
 ) -> None:
     usual = _load(tiny)
-    _turn_round(tiny, reversed_joints)
+    tiny_model.turn_round(tiny, reversed_joints)
     turned = _load(tiny)
     assert turned.coordinates == usual.coordinates == ("shoulder_flexion", "elbow_flexion")
     sign = np.array([-1.0 if joint in reversed_joints else 1.0 for joint in ("shoulder", "elbow")])
@@ -122,7 +91,7 @@ def test_components_mean_the_same_wherever_they_stand(tiny: Tiny, moved: tuple[s
     assert outside.skeleton is not None
     ours, theirs = outside.skeleton, within.skeleton
     assert set(ours.bodies) == set(theirs.bodies) == {"ground", "upper", "lower", "slider"}
-    assert set(ours.joints) == set(theirs.joints) == set(COORDINATES)
+    assert set(ours.joints) == set(theirs.joints) == set(tiny_model.COORDINATES)
     for name in ("moment_arms", "generalized_forces", "passive_generalized_forces"):
         np.testing.assert_allclose(getattr(outside, name), getattr(within, name), rtol=0, atol=1e-12)
     bodies = [ours.bodies.index(body) for body in theirs.bodies]
@@ -172,47 +141,8 @@ def test_all_joints_are_asked_for_by_one_word(tiny: Tiny) -> None:
     np.testing.assert_array_equal(by_word.virtual_curvature[:, rows], every.virtual_curvature)
 
 
-def _with_a_rocker(tiny: Tiny) -> None:
-    """Close a loop by joints: a rocker hangs on ground and on the end of the lower body."""
-
-    def reach(shoulder: float, elbow: float) -> np.ndarray:
-        both = shoulder + elbow
-        end = tiny_model.UPPER_LENGTH * np.array([np.sin(shoulder), -np.cos(shoulder)])
-        return end + 0.2 * np.array([np.sin(both), -np.cos(both)]) + [-0.3, -0.1]
-
-    length = float(np.linalg.norm(reach(0.3, 0.7)))
-    angle = float(np.arctan2(*reach(0.3, 0.7)[::-1]))
-    pin = """<PinJoint name="{0}"><socket_parent_frame>from</socket_parent_frame>
-      <socket_child_frame>to</socket_child_frame><coordinates><Coordinate name="{0}_angle">
-      <default_value>{1}</default_value></Coordinate></coordinates><frames>
-      <PhysicalOffsetFrame name="from"><socket_parent>{2}</socket_parent><translation>{3}</translation>
-      </PhysicalOffsetFrame><PhysicalOffsetFrame name="to"><socket_parent>{4}</socket_parent>
-      <translation>{5}</translation></PhysicalOffsetFrame></frames></PinJoint>"""
-    joints = pin.format("rocking", angle, "/ground", "0.3 1.1 0", "/bodyset/rocker", "0 0 0")
-    end = f"{length} 0 0"
-    joints += pin.format("closing", 1.0 - angle, "/bodyset/rocker", end, "/bodyset/lower", "0 -0.2 0")
-    body = """<Body name="rocker"><mass>0.5</mass><mass_center>0.1 0 0</mass_center>
-      <inertia>0.01 0.002 0.01 0 0 0</inertia></Body>"""
-    text = tiny.model.read_text()
-    text = text.replace('<Body name="slider">', body + '<Body name="slider">')
-    tiny.model.write_text(text.replace("<SliderJoint", joints + "<SliderJoint"))
-    for name, step in (("before", -1e-3), ("middle", 0.0), ("after", 1e-3)):
-        elbow = 0.7 + step
-        shoulder = brentq(lambda s, e=elbow: np.linalg.norm(reach(s, e)) - length, 0.2, 0.4, xtol=1e-14)
-        rocking = np.arctan2(*reach(shoulder, elbow)[::-1])
-        columns = {
-            "shoulder_flexion": shoulder,
-            "elbow_flexion": elbow,
-            "slide": tiny_model.SLIDE_PER_RADIAN * elbow,
-            "rocking_angle": rocking,
-            "closing_angle": shoulder + elbow - rocking,
-        }
-        still = {coordinate: np.array(value) for coordinate, value in columns.items()}
-        write_motion(tiny.folder / f"{name}.mot", np.linspace(0, 0.1, 11), still)
-
-
 def test_a_loop_of_joints_is_cut_as_opensim_cuts_it_and_weighs_every_body_once(tiny: Tiny) -> None:
-    _with_a_rocker(tiny)
+    tiny_model.add_a_rocker(tiny)
     before, middle, after = (
         load_motion(
             model=tiny.model,

@@ -32,9 +32,10 @@ class MovingBodies:
 class Bodies:
     """Ground and all bodies of the multibody tree, whatever set they stand in, by index; ground is 0.
 
-    Public are `names`, `masses` [kg], `mass_centers` in the bodies, shape (n_bodies, 3) [m], and `parents`,
-    the body that each hangs on in the tree rooted at ground, -1 for ground. A joint's own parent and child
-    do not tell that: it may be written from its distal body to ground.
+    Public are `names`, `masses` [kg], `mass_centers` in the bodies, shape (n_bodies, 3) [m], `inertias`
+    about these and in the bodies, (n_bodies, 3, 3) [kg·m²], and `parents`, the body that each hangs on in
+    the tree rooted at ground, -1 for ground. A joint's own parent and child do not tell that: it may be
+    written from its distal body to ground. `mobilized` are the bodies' numbers in Simbody, (n_bodies,).
     """
 
     def __init__(self, model: osim.Model) -> None:
@@ -44,13 +45,14 @@ class Bodies:
         # where OpenSim cuts a loop it adds a body of its own, which no joint names
         self._bodies = [body for body in model.getBodyList() if int(body.getMobilizedBodyIndex()) in jointed]
         mobilized = [int(body.getMobilizedBodyIndex()) for body in self._bodies]
-        self._mobilized = np.array(mobilized, dtype=np.int64)
+        self.mobilized = np.array([0, *mobilized], dtype=np.int64)
         self._index = {int(model.getGround().getMobilizedBodyIndex()): 0}
         self._index |= {index: b for b, index in enumerate(mobilized, start=1)}
         self.names = ["ground", *unique_labels(self._bodies)]
         self.masses = np.array([0.0, *(float(body.getMass()) for body in self._bodies)])
         centers = [body.getMassCenter().to_numpy() for body in self._bodies]
         self.mass_centers = np.array([np.zeros(3), *centers])
+        self.inertias = np.array([np.zeros((3, 3)), *(_inertia(body) for body in self._bodies)])
         sides = [(self.of(joint.getParentFrame()), self.of(joint.getChildFrame())) for joint in joints]
         self.parents, is_reversed = _tree(sides, len(self.names))
         self._reversed = {
@@ -78,6 +80,11 @@ class Bodies:
         """Return a joint's frame on the distal side."""
         is_reversed = joint.getAbsolutePathString() in self._reversed
         return joint.getParentFrame() if is_reversed else joint.getChildFrame()
+
+    def is_in_tree(self, joint: osim.Joint) -> bool:
+        """Tell whether a joint is one by which its outer body hangs on the inner one; others close loops."""
+        outer, inner = self.of(self.outboard_frame(joint)), self.of(self.inboard_frame(joint))
+        return bool(self.parents[outer] == inner)
 
     def is_fixed(self, body: int) -> bool:
         """Tell whether a body is ground or welded to it, over other bodies too."""
@@ -118,7 +125,7 @@ class Bodies:
         self._matter.calcSystemJacobian(state, matrix)
         jacobian = np.array(matrix.to_numpy()).reshape(-1, 6, len(coupling))
         per_mobility = np.zeros((len(self.names), 6, len(coupling)))
-        per_mobility[1:] = jacobian[self._mobilized]
+        per_mobility[1:] = jacobian[self.mobilized[1:]]
         velocities = per_mobility @ coupling
         return MovingBodies(
             rotations=rotations,
@@ -175,6 +182,13 @@ def cross_matrices(vectors: FloatArray) -> FloatArray:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         matrices[..., i, j], matrices[..., j, i] = -vectors[..., k], vectors[..., k]
     return matrices
+
+
+def _inertia(body: osim.Body) -> FloatArray:
+    """Return a body's moments and products of inertia about its mass center, shape (3, 3) [kg·m²]."""
+    six = body.get_inertia()
+    xx, yy, zz, xy, xz, yz = (float(six.get(i)) for i in range(6))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _tree(sides: list[tuple[int, int]], n_bodies: int) -> tuple[IntArray, list[bool]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import opensim as osim
 
@@ -12,8 +14,20 @@ from scso_nlp.opensim.worker.poses import Pose
 from scso_nlp.validation import FloatArray
 
 
+@dataclass(frozen=True, kw_only=True)
+class FullDynamics:
+    """Dynamics of one pose on all mobilities, dependent ones too."""
+
+    accelerations: FloatArray  # (n_u,) [rad/s² or m/s²], those of dependent coordinates by the constraints
+    net: FloatArray  # (n_u,) [N·m or N], what must act besides the forces that are on
+    columns: FloatArray  # (n_u, n_actuators) [N·m or N], of actuators at a control of one
+
+
 class Dynamics:
-    """What must act on a model, and what its actuators and passive elements can do."""
+    """What must act on a model, and what its actuators and passive elements can do.
+
+    Public are the `plain_actuators`: coordinate and optimal force of actuators that push one coordinate.
+    """
 
     def __init__(self, model: Model, elimination: Elimination) -> None:
         self._model, self._elimination = model, elimination
@@ -23,7 +37,7 @@ class Dynamics:
             force.setAppliesForce(self._without_passives, False)
         names = model.coordinates.names
         # plain coordinate actuators push their coordinate by their optimal force, whatever the pose
-        self._constant_columns = {
+        self.plain_actuators = {
             j: (names.index(plain.getCoordinate().getName()), float(plain.getOptimalForce()))
             for j, actuator in enumerate(model.forces.actuators)
             if (plain := osim.CoordinateActuator.safeDownCast(actuator)) is not None
@@ -32,14 +46,20 @@ class Dynamics:
 
     def at(self, pose: Pose) -> dict[str, FloatArray]:
         """Return generalized forces on the free coordinates, shapes (n_free,) or (n_free, n_actuators)."""
+        full, to_free = self.on_mobilities(pose), pose.coupling.T
+        passive = self._passive_share(pose, full.accelerations, full.net)
+        return {
+            "generalized_forces": to_free @ full.net,
+            "passive_generalized_forces": to_free @ passive,
+            "actuator_generalized_forces": to_free @ full.columns,
+        }
+
+    def on_mobilities(self, pose: Pose) -> FullDynamics:
+        """Return what acts, and what actuators can do, before dependent coordinates are eliminated."""
         accelerations = self._complete_accelerations(pose)
         net = self.inverse_dynamics(pose.state, accelerations)
-        to_free = pose.coupling.T
-        return {
-            "generalized_forces": to_free @ net,
-            "passive_generalized_forces": to_free @ self._passive_share(pose, accelerations, net),
-            "actuator_generalized_forces": to_free @ self._actuator_columns(pose, accelerations, net),
-        }
+        columns = self._actuator_columns(pose, accelerations, net)
+        return FullDynamics(accelerations=accelerations, net=net, columns=columns)
 
     def inverse_dynamics(self, state: osim.State, accelerations: FloatArray) -> FloatArray:
         """Return what must act on each mobility besides the forces that are on in a state, shape (n_u,)."""
@@ -82,8 +102,8 @@ class Dynamics:
         actuators = self._model.forces.actuators
         columns = np.zeros((self._model.n_u, len(actuators)))
         for j, actuator in enumerate(actuators):
-            if j in self._constant_columns:
-                coordinate, optimal_force = self._constant_columns[j]
+            if j in self.plain_actuators:
+                coordinate, optimal_force = self.plain_actuators[j]
                 columns[coordinate, j] = optimal_force
                 continue
             actuator.setOverrideActuation(pose.state, float(actuator.getOptimalForce()))

@@ -24,6 +24,7 @@ from scso_nlp.opensim.worker.muscles import (
     notes_on_muscles,
 )
 from scso_nlp.opensim.worker.poses import Pose, Poses
+from scso_nlp.opensim.worker.reactions import Reactions
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
 from scso_nlp.opensim.worker.virtual_rotations import PosedPaths, VirtualRotations
 from scso_nlp.validation import IntArray
@@ -62,6 +63,8 @@ class Extraction:
             if chosen
             else None
         )
+        joints = settings["joint_reactions"]
+        self._reactions = Reactions(self._model, self._dynamics, joints) if joints else None
         self.rows: IntArray = self._kinematics.rows
 
     def frame(self, row: int) -> dict[str, NDArray[Any]]:
@@ -98,6 +101,8 @@ class Extraction:
             }
         if self._derivatives is not None:
             found["curvature"] = dict(self._derivatives.at(pose, loads, moment_arms))
+        if self._reactions is not None:
+            found["joint_reactions"] = dict(self._reactions.at(pose, columns))
         return {
             f"{group}.{name}": np.asarray(array)[None]
             for group, arrays in found.items()
@@ -193,6 +198,8 @@ class Extraction:
             header["skeleton"]["virtual_rows"] = self._virtual.names
         if self._derivatives is not None:
             header["curvature"] = {"coordinates": self._derivatives.names}
+        if self._reactions is not None:
+            header["joint_reactions"] = self._reactions.header()
         return header
 
     def _notes(self) -> list[Note]:

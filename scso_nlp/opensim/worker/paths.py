@@ -187,16 +187,25 @@ class PathForces:
         out, unused = osim.Vector(), osim.Vector(self._no_mobility_forces)
         columns = np.zeros((state.getNU(), len(chosen)))
         for j, m in enumerate(chosen):
-            # the call adds to what it is given; only moving points and fitted paths add to mobilities
+            # only moving points and fitted paths add to mobilities
             drives = self._drives_mobilities[m]
-            body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
             mobility_forces = osim.Vector(self._no_mobility_forces) if drives else unused
-            self._paths[m].addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+            body_forces = self._on_bodies(state, m, mobility_forces)
             self._matter.multiplyBySystemJacobianTranspose(state, body_forces, out)
             columns[:, j] = out.to_numpy()
             if drives:
                 columns[:, j] += mobility_forces.to_numpy()
         return columns
+
+    def on_bodies(self, state: osim.State, m: int) -> osim.VectorOfSpatialVec:
+        """Return moments and forces of a path at 1 N tension on all bodies, at their origins."""
+        return self._on_bodies(state, m, osim.Vector(self._no_mobility_forces))
+
+    def _on_bodies(self, state: osim.State, m: int, mobility_forces: osim.Vector) -> osim.VectorOfSpatialVec:
+        # the call adds to what it is given
+        body_forces = osim.VectorOfSpatialVec(self._no_body_forces)
+        self._paths[m].addInEquivalentForces(state, 1.0, body_forces, mobility_forces)
+        return body_forces
 
 
 @dataclass(frozen=True, kw_only=True)
