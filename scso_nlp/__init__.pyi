@@ -6,6 +6,8 @@ from .constraints.constraint import FrameConstraint as FrameConstraint
 from .constraints.constraint import FramePairConstraint as FramePairConstraint
 from .constraints.coordinate_stability import CoordinateStability as CoordinateStability
 from .constraints.hessian_stability import HessianStability as HessianStability
+from .constraints.joint_reaction_cone import JointReactionCone as JointReactionCone
+from .constraints.joint_reaction_limit import JointReactionLimit as JointReactionLimit
 from .constraints.joint_stability import JointStability as JointStability
 from .constraints.moment_equilibrium import MomentEquilibrium as MomentEquilibrium
 from .contributions import Contributions as Contributions
@@ -50,6 +52,7 @@ from .muscles import ActuatorParameters as ActuatorParameters
 from .muscles import MuscleParameters as MuscleParameters
 from .objectives.activation_effort import ActivationEffort as ActivationEffort
 from .objectives.function_objective import FunctionObjective as FunctionObjective
+from .objectives.joint_reaction_effort import JointReactionEffort as JointReactionEffort
 from .objectives.objective import FrameObjective as FrameObjective
 from .objectives.objective import FramePairObjective as FramePairObjective
 from .opensim.engine import load_motion as load_motion

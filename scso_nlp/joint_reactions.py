@@ -181,6 +181,29 @@ class JointReactionMap:
         constant, per_tendon_force, per_control = (turn @ part for part in parts)
         return constant[..., 0], per_tendon_force, per_control
 
+    def forces(
+        self, on: Literal["child", "parent"], frame: Literal["ground", "child", "parent"]
+    ) -> dict[str, FloatArray]:
+        """Give the forces of all joints one below the other, for terms.
+
+        Parameters
+        ----------
+        on, frame
+            As for :meth:`seen`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            "constant", shape (n_frames, 3 n_joints) [N]; "per_tendon_force" and "per_control", with another
+            axis for muscles and actuators.
+        """
+        names = ("constant", "per_tendon_force", "per_control")
+        parts = (part[:, :, :3] for part in self.seen(on, frame))
+        return {
+            name: part.reshape(len(part), -1, *part.shape[3:])
+            for name, part in zip(names, parts, strict=True)
+        }
+
     def _turn(self, on: str, frame: str) -> FloatArray:
         """Matrices, (n_frames, n_joints, 6, 6), that take reactions on children in ground elsewhere."""
         for name, value, known in (("on", on, SIDES), ("frame", frame, FRAMES)):
@@ -241,3 +264,19 @@ class JointReactionMap:
             points=points,
             body_weight=self.body_weight,
         )
+
+
+def required(found: JointReactionMap | None) -> JointReactionMap:
+    """Return the reactions of a motion that must have them.
+
+    Raises
+    ------
+    ProblemError
+        It has none.
+    """
+    if found is None:
+        raise ProblemError(
+            "the motion was read without joint reactions; read it again with joint_reactions='all' or the "
+            "names of joints (on the command line --joint-reactions)"
+        )
+    return found

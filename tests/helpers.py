@@ -214,6 +214,30 @@ def with_trajectory(problem, **changes):
     return with_motion(problem, trajectory=dataclasses.replace(problem.motion.trajectory, **changes))
 
 
+def with_joint_reactions(problem, rng, joints=("hip", "knee")):
+    """The problem about a motion whose joints carry random shares of all forces, 700 N without any."""
+    trajectory = problem.motion.trajectory
+    n_frames, n, n_muscles = trajectory.n_frames, len(joints), len(trajectory.muscles)
+    turns = np.linalg.qr(rng.normal(size=(2, n_frames, n, 3, 3)))[0]
+    places = rng.normal(size=(4, n_frames, n, 3))
+    reactions = scso.JointReactionMap(
+        joints=joints,
+        children=tuple(f"{joint}_child" for joint in joints),
+        parents=tuple(f"{joint}_parent" for joint in joints),
+        body_weight=700.0,
+        constant=rng.normal(0, 400, (n_frames, n, 6)),
+        per_tendon_force=rng.normal(0, 0.5, (n_frames, n, 6, n_muscles)),
+        per_control=rng.normal(0, 0.5, (n_frames, n, 6, len(trajectory.actuators))),
+        child_rotations=turns[0],
+        parent_rotations=turns[1],
+        child_origins=places[0],
+        parent_origins=places[1],
+        child_centers=places[2],
+        parent_centers=places[3],
+    )
+    return with_trajectory(problem, joint_reactions=reactions)
+
+
 def with_stability(problem, level, q=5.0):
     """The problem with its stability rows at another level, or with rows if it has none."""
     rows = scso.JointStability(q=q, level=level, joints=("elbow",))

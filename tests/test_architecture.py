@@ -15,7 +15,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from helpers import random_problem, with_trajectory
+from helpers import random_problem, with_joint_reactions, with_trajectory
 from muscle_models import opensim_tables
 
 import scso_nlp as scso
@@ -383,13 +383,17 @@ def test_a_term_that_forgets_its_mathematics_cannot_be_made(base):
 
 
 #: How to make terms that need arguments.
-EXAMPLES = {"FunctionObjective": {"function": lambda frame: ca.sumsqr(frame.activation)}}
+EXAMPLES = {
+    "FunctionObjective": {"function": lambda frame: ca.sumsqr(frame.activation)},
+    "JointReactionLimit": {"largest": 2000.0},
+}
 
 
 @pytest.mark.parametrize("term", TERMS, ids=lambda term: term.__name__)
 def test_every_term_has_finite_values_and_derivatives_inside_its_bounds(term):
     rng = np.random.default_rng(12)
     problem = _with_curvature(random_problem(rng, n_frames=3, n_muscles=6, reserve=5.0), rng)
+    problem = with_joint_reactions(problem, rng)
     example = term(**EXAMPLES.get(term.__name__, {}))
     if term in MODELS:
         problem = dataclasses.replace(problem, muscle_model=example)

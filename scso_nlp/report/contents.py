@@ -52,6 +52,11 @@ _MOMENT_DESCRIPTION = (
 )
 #: Endings of the columns of moments: what the motion asks for, what muscles and what actuators give.
 MOMENT_PARTS = {"required": "", "muscles": "_muscles", "reserves": "_reserves"}
+_REACTION_DESCRIPTION = (
+    "\nThis file contains the reaction forces and moments\n"
+    "applied to the specified body of a joint pair and expressed  in the specified reference frame.\n\n"
+    "Units are S.I. units (seconds, meters, Newtons, ...)\n"
+)
 _CONTROL_HEAD = """\t\t\t<ControlLinear name={name}>
 \t\t\t\t<is_model_control>true</is_model_control>
 \t\t\t\t<extrapolate>true</extrapolate>
@@ -224,6 +229,15 @@ def _moments(solution: Solution) -> Storage:
     return _storage(solution, "Moment Balance", labels, values, _MOMENT_DESCRIPTION)
 
 
+def _joint_reactions(solution: Solution) -> Storage | None:
+    """Give reactions on the children of joints, in ground, if the motion has them."""
+    if solution.problem.motion.trajectory.joint_reactions is None:
+        return None
+    found = solution.joint_reactions()
+    values = np.where(solution.is_solved[:, None], found.columns, np.nan)
+    return _storage(solution, "Joint Reaction Loads", found.labels, values, _REACTION_DESCRIPTION)
+
+
 def _status(solution: Solution) -> Storage:
     """Status of every frame, and what it misses."""
     codes = [f"{code} {status.name}: {status.value}\n" for status, code in STATUS_CODES.items()]
@@ -291,6 +305,12 @@ RESULT_FILES = (
         content=_of_muscles(
             "Tendon Strain", "tendon_strain", "Tendon length less slack length, over slack length."
         ),
+    ),
+    ResultFile(
+        name="{name}_JointReaction_ReactionLoads.sto",
+        holds="with `--joint-reactions all` or names of joints: force, moment and point on the child of each "
+        "joint, in ground; as OpenSim's JointReaction writes it",
+        content=_joint_reactions,
     ),
     ResultFile(
         name="{name}_stability.sto",

@@ -105,6 +105,7 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             "solve": solution.report.solve_seconds,
         },
         "objective": {"total": solution.objective, "terms": dict(solution.objective_terms)},
+        "joint_reaction_peaks": _peaks(solution),
         "largest_violation": dict(solution.violation),
         "actuator_share": dict(zip(balance.coordinates, balance.actuator_share.tolist(), strict=True)),
         "status_counts": counts,
@@ -140,6 +141,18 @@ def _moved_coordinates(trajectory: MotionTrajectory) -> dict[str, str]:
         muscle: trajectory.coordinates[i]
         for m, (muscle, i) in enumerate(zip(trajectory.muscles, largest, strict=True))
         if arm[i, m] > 0
+    }
+
+
+def _peaks(solution: Solution) -> dict[str, dict[str, float]]:
+    """Largest joint forces over the solved frames, where the motion has joint reactions."""
+    if solution.problem.motion.trajectory.joint_reactions is None or not solution.is_solved.any():
+        return {}
+    found = solution.joint_reactions()
+    peaks = found.resultant[solution.is_solved].max(axis=0)
+    return {
+        joint: {"force": float(peak), "body_weights": float(peak / found.body_weight)}
+        for joint, peak in zip(found.joints, peaks, strict=True)
     }
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from scso_nlp.accessors import accessor
 from scso_nlp.arguments import checked
 from scso_nlp.display import card, table
 from scso_nlp.exceptions import NameMismatchError, ScsoError
+from scso_nlp.joint_reactions import JointReactions, required
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution.muscle import MuscleResult
 from scso_nlp.solution.rows import MatrixResult, MomentBalance, Optimality, RowResult, StabilityMargin
@@ -165,6 +166,39 @@ class Solution:
                 self.problem, self.objective_terms, self.activation[solved], self.control[solved]
             ),
         )
+
+    def joint_reactions(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        on: Literal["child", "parent"] = "child",
+        frame: Literal["ground", "child", "parent"] = "ground",
+    ) -> JointReactions:
+        """Say what joints carry, as OpenSim's JointReaction defines it.
+
+        Parameters
+        ----------
+        joints : sequence of str, optional
+            Names or patterns; all that the motion was read with by default.
+        on : "child" or "parent"
+            The body that forces and moments act on.
+        frame : "ground", "child" or "parent"
+            Ground, or the body whose frame they are expressed in.
+
+        Returns
+        -------
+        JointReactions
+            In frames that are not solved as far as there are forces, else NaN.
+
+        Raises
+        ------
+        ProblemError
+            The motion was read without joint reactions; another body or frame.
+        NameMismatchError
+            An unknown joint.
+        """
+        found = required(self.problem.motion.trajectory.joint_reactions).of_joints(joints)
+        return found.at(self.tendon_force, self.control, on=on, frame=frame)
 
     @property
     def excitation(self) -> FloatArray | None:

@@ -9,7 +9,13 @@ import casadi as ca
 import numpy as np
 import pytest
 from coupled_terms import CappedEffort, CurvedPair, RateLimit, Smoothness, WeightedDrift
-from helpers import central_difference, random_problem, stability_by_hand, with_motion
+from helpers import (
+    central_difference,
+    random_problem,
+    stability_by_hand,
+    with_joint_reactions,
+    with_motion,
+)
 
 import scso_nlp as scso
 from scso_nlp.transcription.build import FrameScale, build_nlp
@@ -108,6 +114,19 @@ def test_a_function_of_the_frame_has_exact_derivatives_for_nothing(rng, frames):
     problem = random_problem(rng, n_muscles=5, reserve=5.0, muscle_model=scso.RigidTendon())
     problem = dataclasses.replace(problem, objectives=(*problem.objectives, cost))
     Program(problem, frames).check(interior(problem, len(frames), rng), rng)
+
+
+def test_terms_of_joint_reactions_have_exact_derivatives(rng):
+    problem = with_joint_reactions(
+        random_problem(rng, n_muscles=5, reserve=5.0, muscle_model=scso.RigidTendon()), rng
+    )
+    limit = scso.JointReactionLimit(largest=900.0, components={"knee_fy": 500.0})
+    problem = dataclasses.replace(
+        problem,
+        objectives=(*problem.objectives, scso.JointReactionEffort()),
+        constraints=(*problem.constraints, limit, scso.JointReactionCone(joints=["hip"])),
+    )
+    Program(problem, [0, 2]).check(interior(problem, 2, rng), rng)
 
 
 def test_coupled_and_curved_terms_have_exact_derivatives(rng):
