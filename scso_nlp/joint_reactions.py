@@ -129,8 +129,9 @@ class JointReactionMap:
 
     def frames(self, selection: slice | IntArray) -> JointReactionMap:
         """Keep some frames; all else stays."""
-        arrays = {item.name: getattr(self, item.name) for item in fields(self)}
-        return replace(self, **{n: a[selection] for n, a in arrays.items() if isinstance(a, np.ndarray)})
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        return replace(self, **{name: array[selection] for name, array in arrays.items()})  # type: ignore[arg-type]
 
     def of_joints(self, joints: Sequence[str] | None) -> JointReactionMap:
         """Keep some joints, by name or pattern, in the model's order; None keeps all.

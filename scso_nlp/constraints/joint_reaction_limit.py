@@ -132,4 +132,4 @@ def _limits(
     if not isinstance(limits, Mapping):
         limits = {} if limits is None else {"*": limits}
     found = by_name(kind, limits, names, default=np.inf)
-    return [(i, float(found[i])) for i in np.flatnonzero(np.isfinite(found))]
+    return [(i, limit) for i, limit in enumerate(found.tolist()) if limit < np.inf]
