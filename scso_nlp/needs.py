@@ -28,19 +28,28 @@ class MotionNeeds:
         Joint and axis letter for which virtual rotations are computed; the joint "all" is every one.
     curvature_coordinates : tuple of str
         Coordinates along which second derivatives are computed; "all" is all that muscles depend on.
+    joint_reactions : tuple of str
+        Joints whose reactions are computed, by name or pattern; "all" is all.
     """
 
     muscle_paths: bool = False
     stability_axes: tuple[tuple[str, str], ...] = ()
     curvature_coordinates: tuple[str, ...] = ()
+    joint_reactions: tuple[str, ...] = ()
 
     def __or__(self, other: MotionNeeds) -> MotionNeeds:
-        coordinates = tuple(dict.fromkeys(self.curvature_coordinates + other.curvature_coordinates))
         return MotionNeeds(
             muscle_paths=self.muscle_paths or other.muscle_paths,
             stability_axes=tuple(dict.fromkeys(self.stability_axes + other.stability_axes)),
-            curvature_coordinates=("all",) if "all" in coordinates else coordinates,
+            curvature_coordinates=_united(self.curvature_coordinates, other.curvature_coordinates),
+            joint_reactions=_united(self.joint_reactions, other.joint_reactions),
         )
+
+
+def _united(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, ...]:
+    """Put names together, each once; "all" is all of them."""
+    names = tuple(dict.fromkeys(one + other))
+    return ("all",) if "all" in names else names
 
 
 class HasNeeds(Protocol):

@@ -22,6 +22,10 @@ def test_each_kind_of_stability_says_what_it_needs():
     for kind in (scso.CoordinateStability, scso.HessianStability):
         assert kind(coordinates=["a", "b"]).needs == MotionNeeds(curvature_coordinates=("a", "b"))
         assert kind().needs == MotionNeeds(curvature_coordinates=("all",))
+    for term in (scso.JointReactionCone, scso.JointReactionEffort):
+        assert term(joints=["hip_*"]).needs == MotionNeeds(joint_reactions=("hip_*",))
+        assert term().needs == MotionNeeds(joint_reactions=("all",))
+    assert scso.JointReactionLimit(largest=1e3).needs == MotionNeeds(joint_reactions=("all",))
     for term in (scso.MomentEquilibrium(), scso.ActivationEffort(), scso.CompliantTendon()):
         assert term.needs == MotionNeeds()
 

@@ -16,6 +16,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows
 from scso_nlp.joint_reactions import JointReactionMap, required
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.validation import FloatArray, chosen_names
 
 
@@ -71,6 +72,11 @@ class JointReactionCone(FrameConstraint):
         for name, value in (("slope", self.slope), ("soft", self.soft)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ProblemError(f"{name} is {value:g}, expected a positive number")
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Reactions of the joints."""
+        return MotionNeeds(joint_reactions=("all",) if self.joints is None else tuple(self.joints))
 
     def _reactions(self, motion: Motion) -> JointReactionMap:
         return required(motion.trajectory.joint_reactions).of_joints(self.joints)

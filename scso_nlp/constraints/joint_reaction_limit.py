@@ -16,6 +16,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows
 from scso_nlp.joint_reactions import JointReactionMap, required
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.validation import FloatArray, by_name, chosen_names
 
 #: A meaningful difference of joint forces [N].
@@ -93,6 +94,11 @@ class JointReactionLimit(FrameConstraint):
                 raise ProblemError(f"the limit of {name!r} is {limit:g} N, expected more than {ROUNDED:g} N")
         if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
             raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N, or no price")
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Reactions of the joints."""
+        return MotionNeeds(joint_reactions=("all",) if self.joints is None else tuple(self.joints))
 
     def _reactions(self, motion: Motion) -> JointReactionMap:
         return required(motion.trajectory.joint_reactions).of_joints(self.joints)

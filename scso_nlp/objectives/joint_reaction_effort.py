@@ -14,6 +14,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.joint_reactions import JointReactionMap, required
 from scso_nlp.motion import Motion
+from scso_nlp.needs import MotionNeeds
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.validation import FloatArray, by_name, chosen_names
 
@@ -62,6 +63,11 @@ class JointReactionEffort(FrameObjective):
         for what, value in {**named, "weight": self.weight}.items():
             if not (math.isfinite(value) and value >= 0):
                 raise ProblemError(f"{what} is {value:g}, expected a finite number of at least 0")
+
+    @property
+    def needs(self) -> MotionNeeds:
+        """Reactions of the joints."""
+        return MotionNeeds(joint_reactions=("all",) if self.joints is None else tuple(self.joints))
 
     def _reactions(self, motion: Motion) -> JointReactionMap:
         return required(motion.trajectory.joint_reactions).of_joints(self.joints)

@@ -73,6 +73,7 @@ def load_motion(
     muscle_paths: bool | None = None,
     stability_axes: Iterable[tuple[str, str]] | None = None,
     curvature_coordinates: str | Iterable[str] | None = None,
+    joint_reactions: str | Iterable[str] | None = None,
     processes: int | None = None,
     cache: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
@@ -83,7 +84,7 @@ def load_motion(
     ----------
     setup : path, AnalyzeSetup or MotionInput, optional
         An AnalyzeTool setup file, or a description. Without it `model` and `coordinates` (or `states`) must
-        be given. Of all that follows up to `curvature_coordinates`, None is what the setup says, or
+        be given. Of all that follows up to `joint_reactions`, None is what the setup says, or
         :class:`MotionInput`'s default.
     prepare_for : terms, optional
         Stability constraints and other terms of the problem to come, which know what must be computed of a
@@ -112,7 +113,7 @@ def load_motion(
         Coordinates that stay at zero because the motion has no column for them.
     keep_coupled_speeds : bool, optional
         Take speeds of coupled coordinates from the motion even where they contradict the constraints.
-    muscle_paths, stability_axes, curvature_coordinates : optional
+    muscle_paths, stability_axes, curvature_coordinates, joint_reactions : optional
         What to compute besides what `prepare_for` asks for; as fields of :class:`MotionInput`.
     processes : int, optional
         Worker processes; by default one per core this process may use, fewer for short motions. The

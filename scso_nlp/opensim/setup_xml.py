@@ -122,8 +122,8 @@ class MotionInput:
         Free coordinates along which second derivatives of path lengths, loads and passive forces are
         computed; "all" is every free coordinate that some muscle depends on.
     joint_reactions : tuple of str or "all"
-        Joints whose reactions are computed, affine in tendon forces and controls; "all" is every joint, also
-        one that cannot move. They take 48 bytes per frame, joint and muscle or actuator.
+        Joints, by name or pattern, whose reactions are computed, affine in tendon forces and controls; "all"
+        is every joint, also one that cannot move. They take 48 bytes per frame, joint and muscle or actuator.
     """
 
     model: Path
@@ -639,7 +639,9 @@ def prepared_for(motion: MotionInput, terms: Iterable[HasNeeds]) -> MotionInput:
     MotionInput
     """
     own = MotionNeeds(
-        stability_axes=motion.stability_axes, curvature_coordinates=motion.curvature_coordinates
+        stability_axes=motion.stability_axes,
+        curvature_coordinates=motion.curvature_coordinates,
+        joint_reactions=motion.joint_reactions,
     )
     needs = own | needs_of(terms)
     return replace(
@@ -647,6 +649,7 @@ def prepared_for(motion: MotionInput, terms: Iterable[HasNeeds]) -> MotionInput:
         muscle_paths=needs.muscle_paths or bool(needs.stability_axes),
         stability_axes=needs.stability_axes,
         curvature_coordinates=needs.curvature_coordinates,
+        joint_reactions=needs.joint_reactions,
     )
 
 

@@ -154,7 +154,7 @@ def test_chosen_joints_are_those_of_all(tiny: Tiny) -> None:
 
 
 def test_unknown_joints_are_named(tiny: Tiny) -> None:
-    with pytest.raises(NameMismatchError, match=r"unknown joint 'elbo'.*elbow"):
+    with pytest.raises(NameMismatchError, match=r"elbo.*elbow"):
         load_motion(tiny.setup, joint_reactions=("elbo",))
 
 

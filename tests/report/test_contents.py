@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from helpers import with_motion
+from helpers import with_joint_reactions, with_motion
 from solution_by_hand import solution_by_hand, write
 
 from scso_nlp.exceptions import NameMismatchError
@@ -83,6 +83,41 @@ def test_static_optimization_stands_beside_the_results_of_a_run_with_stability_r
     assert found.labels == expected.labels
     np.testing.assert_array_equal(found.values, expected.values)
     assert not [path for path in alone if path.name.endswith("_without_stability.sto")]
+
+
+def test_joint_reactions_are_written_as_opensim_writes_them(tmp_path, rng):
+    path = tmp_path / "results" / "antagonists_JointReaction_ReactionLoads.sto"
+    write(solution_by_hand(), path.parent)
+    assert not path.exists()
+    solution = solution_by_hand()
+    solution = replace(solution, problem=with_joint_reactions(solution.problem, rng, ("hip", "knee")))
+    write(solution, path.parent)
+    # of a file of OpenSim 4.6
+    assert header(path) == [
+        "Joint Reaction Loads",
+        "version=1",
+        "nRows=5",
+        "nColumns=19",
+        "inDegrees=no",
+        "",
+        "This file contains the reaction forces and moments",
+        "applied to the specified body of a joint pair and expressed  in the specified reference frame.",
+        "",
+        "Units are S.I. units (seconds, meters, Newtons, ...)",
+    ]
+    found, reactions = read_storage(path), solution.joint_reactions()
+    parts = ("fx", "fy", "fz", "mx", "my", "mz", "px", "py", "pz")
+    assert found.labels == tuple(
+        f"{joint}_on_{joint}_child_in_ground_{part}" for joint in ("hip", "knee") for part in parts
+    )
+    np.testing.assert_array_equal(found.values[:, 9:12], reactions.forces[:, 1])
+    np.testing.assert_array_equal(found.values[:, 12:15], reactions.moments[:, 1])
+    np.testing.assert_array_equal(found.values[:, 15:], reactions.points[:, 1])
+    peak = np.linalg.norm(reactions.forces[:, 1], axis=1).max()
+    report = json.loads((path.parent / "report.json").read_text())
+    assert report["joint_reaction_peaks"]["knee"] == pytest.approx(
+        {"force": peak, "body_weights": peak / 700.0}
+    )
 
 
 def test_columns_are_actuators_in_the_order_of_the_force_set(tmp_path):

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import opensim as osim
 
-from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.exceptions import DataError
 from scso_nlp.opensim.worker.bodies import Bodies, cross_matrices, frame_offsets, unique_labels
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.elimination import RANK_TOLERANCE
 from scso_nlp.opensim.worker.model import Model
 from scso_nlp.opensim.worker.paths import path_bodies
 from scso_nlp.opensim.worker.poses import Pose
-from scso_nlp.validation import FloatArray, IntArray
+from scso_nlp.validation import FloatArray, IntArray, matches
 
 #: Gravity by which a mass becomes a body weight [m/s²].
 STANDARD_GRAVITY = 9.80665
@@ -202,18 +202,17 @@ def _read(vector: osim.VectorOfSpatialVec, chosen: IntArray) -> FloatArray:
 
 
 def _chosen_joints(model: Model, chosen: Sequence[str]) -> tuple[list[str], list[osim.Joint]]:
-    """Find joints by name, or all of them by "all", in the model's order."""
+    """Find joints by name or pattern, or all of them by "all", in the model's order."""
     joints = list(model.opensim.getJointList())
     names = unique_labels(joints)
+    wanted = set(range(len(names))) if "all" in chosen else set()
     for name in chosen:
-        if name not in ("all", *names):
-            raise NameMismatchError(f"unknown joint {name!r} in joint_reactions (joints: {', '.join(names)})")
+        if name != "all":
+            wanted |= set(matches("joint", name, names).tolist())
     for name, joint in zip(names, joints, strict=True):
         if not model.bodies.is_in_tree(joint):
             raise DataError(
                 f"the joint {name!r} closes a loop, where what joints carry is not known: close it by a "
                 "constraint for joint reactions"
             )
-    is_wanted = ["all" in chosen or name in chosen for name in names]
-    pairs = [pair for pair, wanted in zip(zip(names, joints, strict=True), is_wanted, strict=True) if wanted]
-    return [name for name, _ in pairs], [joint for _, joint in pairs]
+    return [names[j] for j in sorted(wanted)], [joints[j] for j in sorted(wanted)]
