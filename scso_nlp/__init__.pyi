@@ -24,6 +24,7 @@ from .exceptions import ProblemError as ProblemError
 from .exceptions import ScsoError as ScsoError
 from .figures import plot_activations as plot_activations
 from .figures import plot_contributions as plot_contributions
+from .figures import plot_joint_reactions as plot_joint_reactions
 from .figures import plot_moments as plot_moments
 from .figures import plot_stability as plot_stability
 from .figures import plot_tendon_forces as plot_tendon_forces

@@ -93,5 +93,5 @@ def test_figures_are_an_attribute():
         solution.plot.contributions,
     ):
         assert isinstance(draw(), Figure)
-    kinds = "activation, contributions, force, moments, stability"
+    kinds = "activation, contributions, force, joint_reactions, moments, stability"
     assert repr(solution.plot) == f"figures of antagonists: {kinds}"

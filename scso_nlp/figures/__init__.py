@@ -7,6 +7,7 @@ from scso_nlp.figures.comparison import plot_task_bars as plot_task_bars
 from scso_nlp.figures.contributions import plot_contributions as plot_contributions
 from scso_nlp.figures.frames import HorizontalAxis as HorizontalAxis
 from scso_nlp.figures.frames import percent_of_motion as percent_of_motion
+from scso_nlp.figures.joint_reactions import plot_joint_reactions as plot_joint_reactions
 from scso_nlp.figures.muscle_lines import plot_muscle_lines as plot_muscle_lines
 from scso_nlp.figures.quantity import QUANTITIES as QUANTITIES
 from scso_nlp.figures.quantity import plot_quantity as plot_quantity

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from scso_nlp.contributions import row_contributions
 from scso_nlp.figures.contributions import plot_contributions
 from scso_nlp.figures.frames import HorizontalAxis
+from scso_nlp.figures.joint_reactions import plot_joint_reactions
 from scso_nlp.figures.solution import plot_activations, plot_forces, plot_moments, plot_stability
 from scso_nlp.figures.style import TWO_COLUMNS
 from scso_nlp.solution import Solution
@@ -71,6 +72,19 @@ class SolutionPlots:
     ) -> Figure:
         """Draw the stability of rows, as :func:`~scso_nlp.plot_stability`."""
         return plot_stability(self.solution, baseline=baseline, horizontal=horizontal, rows=rows, width=width)
+
+    def joint_reactions(
+        self,
+        *,
+        joints: str = "",
+        baseline: Solution | None = None,
+        horizontal: HorizontalAxis | None = None,
+        width: float = TWO_COLUMNS,
+    ) -> Figure:
+        """Draw what joints carry in body weights, as :func:`~scso_nlp.plot_joint_reactions`."""
+        return plot_joint_reactions(
+            self.solution, baseline=baseline, horizontal=horizontal, joints=joints, width=width
+        )
 
     def contributions(self) -> Figure:
         """Draw what each muscle adds to each stability row, as :func:`~scso_nlp.plot_contributions`."""

@@ -233,6 +233,11 @@ FIGURES: dict[str, Callable[[Any, Solution, Solution | None], Any]] = {
         if _has_rows(solution) and solution.problem.motion.trajectory.muscles
         else None
     ),
+    "joint_reactions": lambda draw, solution, baseline: (
+        draw.plot_joint_reactions(solution, baseline=baseline)
+        if solution.problem.motion.trajectory.joint_reactions is not None and solution.is_solved.any()
+        else None
+    ),
 }
 
 

@@ -1,0 +1,76 @@
+"""What joints carry, in body weights."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from scso_nlp.arguments import checked
+from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
+from scso_nlp.figures.quantity import plot_quantity
+from scso_nlp.figures.series import Series
+from scso_nlp.figures.style import BASELINE, RESULT, TWO_COLUMNS, SeriesStyle
+from scso_nlp.solution import Solution
+from scso_nlp.trajectory import require_same_motion
+
+
+@checked
+def plot_joint_reactions(
+    solution: Solution,
+    *,
+    baseline: Solution | None = None,
+    horizontal: HorizontalAxis | None = None,
+    joints: str = "",
+    width: float = TWO_COLUMNS,
+) -> Figure:
+    """Draw the length of joint forces in body weights, left and right in one panel.
+
+    Parameters
+    ----------
+    solution : Solution
+    baseline : Solution, optional
+        Of the same motion, usually without stability rows; drawn behind.
+    horizontal : HorizontalAxis, optional
+        Time by default.
+    joints : str
+        Names or patterns, separated by commas; ``"*"`` for all. By default the twelve that tell most.
+    width : float [mm]
+        Of the figure on the page.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Frames that are not solved are left blank and shaded.
+
+    Raises
+    ------
+    ProblemError
+        The motion was read without joint reactions.
+    NameMismatchError
+        The baseline has other muscles, or a pattern fits no joint.
+    DataError
+        The baseline has other frames, or the horizontal values are not one per frame.
+    """
+    trajectory = solution.problem.motion.trajectory
+    both = [_series(solution, "solution", RESULT)]
+    if baseline is not None:
+        require_same_motion({"solution": trajectory, "baseline": baseline.problem.motion.trajectory})
+        both.insert(0, _series(baseline, "baseline", BASELINE))
+    return plot_quantity(
+        both, quantity="reaction", names=joints, width=width, heading=f"{trajectory.name}: joint reactions",
+        horizontal=horizontal,
+    )  # fmt: skip
+
+
+def _series(solution: Solution, label: str, look: SeriesStyle) -> Series:
+    trajectory, found = solution.problem.motion.trajectory, solution.joint_reactions()
+    forces = found.resultant / found.body_weight
+    return Series(
+        label=label,
+        time=trajectory.time,
+        names=found.joints,
+        values=np.where(solution.is_solved[:, None], forces, np.nan),
+        units=("BW",),
+        are_tasks=trajectory.is_at_rest and trajectory.n_frames <= FEW_FRAMES,
+        look=look,
+    )
