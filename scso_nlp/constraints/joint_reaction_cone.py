@@ -55,6 +55,11 @@ class JointReactionCone(FrameConstraint):
     References
     ----------
     Lippitt and Matsen (1993), Clin Orthop Relat Res 291:20-28: stability ratios of the glenoid.
+
+    Examples
+    --------
+    >>> scso.JointReactionCone(joints=["shoulder"], axis=(0, 0, -1), slope=0.5).needs.joint_reactions
+    ('shoulder',)
     """
 
     joints: Sequence[str] | None = None

@@ -74,6 +74,12 @@ class JointReactionLimit(FrameConstraint):
         joint reactions.
     NameMismatchError
         An unknown joint or component.
+
+    Examples
+    --------
+    >>> limit = scso.JointReactionLimit(largest={"knee_*": 2500.0}, components={"knee_r_fx": 400.0})
+    >>> limit.needs.joint_reactions
+    ('all',)
     """
 
     largest: float | Mapping[str, float] | None = None

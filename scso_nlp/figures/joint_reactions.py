@@ -50,6 +50,12 @@ def plot_joint_reactions(
         The baseline has other muscles, or a pattern fits no joint.
     DataError
         The baseline has other frames, or the horizontal values are not one per frame.
+
+    Examples
+    --------
+    >>> elbow = scso.load_motion(example_folder("elbow") / "setup.xml", joint_reactions="all")
+    >>> carried = scso.solve_trajectory(scso.static_optimization(elbow))
+    >>> figure = scso.plot_joint_reactions(carried)
     """
     trajectory = solution.problem.motion.trajectory
     both = [_series(solution, "solution", RESULT)]

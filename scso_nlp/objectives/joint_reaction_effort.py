@@ -50,6 +50,13 @@ class JointReactionEffort(FrameObjective):
     References
     ----------
     DeMers, Pal and Delp (2014), J Orthop Res 32:769-776: squared knee force as a cost.
+
+    Examples
+    --------
+    >>> cost = scso.JointReactionEffort(joints=["elbow"], weight=0.1)
+    >>> elbow = scso.load_motion(example_folder("elbow") / "setup.xml", prepare_for=[cost])
+    >>> elbow.trajectory.joint_reactions.joints
+    ('elbow',)
     """
 
     joints: Sequence[str] | None = None
