@@ -77,6 +77,7 @@ from .solution import Status as Status
 from .solver import Reach as Reach
 from .solver import SolverOptions as SolverOptions
 from .solver import critical_q as critical_q
+from .solver import feasible_q as feasible_q
 from .solver import observe as observe
 from .solver import reachable_stability as reachable_stability
 from .solver import solve_framewise as solve_framewise

@@ -15,7 +15,7 @@ from scso_nlp import CoordinateStability, HessianStability
 from scso_nlp.contributions import equivalent_q, mode_contributions, row_contributions
 from scso_nlp.examples import example_folder
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, ShortRangeStiffness
-from scso_nlp.solver.reach import critical_q
+from scso_nlp.solver.critical_gain import critical_q
 
 
 def test_the_shares_of_joint_rows_add_up_to_the_rows_of_the_solution(rng):

@@ -27,7 +27,8 @@ def reach(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
             from scso_nlp.exceptions import ProblemError
             from scso_nlp.run import describe, extract
             from scso_nlp.settings import read_settings
-            from scso_nlp.solver.reach import critical_q, reachable_stability
+            from scso_nlp.solver.critical_gain import critical_q
+            from scso_nlp.solver.reach import reachable_stability
 
         settings, where = read_settings(source, changes)
         if settings.stability is None:

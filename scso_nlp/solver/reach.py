@@ -1,4 +1,4 @@
-"""Whether a stability level can be reached at all, and what stiffness it would take to have it for nothing.
+"""Whether a stability level can be reached at all.
 
 For every frame: the most stability that activations within their bounds can give while all other rows,
 moment equilibrium first, are kept. Rows one by one by exact linear programs; the full Hessian by its
@@ -13,25 +13,17 @@ import numpy as np
 from scipy.optimize import linprog
 
 from scso_nlp.arguments import checked
-from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.display import without_arrays
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.solution import Solution
 from scso_nlp.solver.conic import highest_eigenvalues
 from scso_nlp.solver.local_model import LocalModel, local_model
 from scso_nlp.solver.threads import one_thread
-from scso_nlp.solver.verbs import solve_framewise
 from scso_nlp.stability.hessian import describe_turn, smallest_eigenvalues
 from scso_nlp.transcription.describe import describe
+from scso_nlp.transcription.rows import RowBlock
 from scso_nlp.validation import BoolArray, FloatArray
-
-#: A larger critical gain rests on forces that the solver left at its bounds, and counts as infinite [-].
-_LARGEST_GAIN = 1e4
-
-#: Halvings of the interval in which the full Hessian's critical gain is sought: 1e-14 of the largest.
-_HALVINGS = 60
 
 #: Shortfalls below this are taken for round-off [N·m/rad].
 _LEAST_SHORTFALL = 1e-5
@@ -154,65 +146,141 @@ def reachable_stability(problem: MuscleForceProblem) -> tuple[Reach, ...]:
     return tuple(_reach(problem, term) for term in problem.stability_terms)
 
 
-def _reach(problem: MuscleForceProblem, term: StabilityConstraint) -> Reach:
-    hard = replace(term, soft=None)
+def affine_model(problem: MuscleForceProblem, term: StabilityConstraint) -> LocalModel:
+    """Model a problem with one hard stability constraint, whose rows must be affine in the unknowns.
+
+    Parameters
+    ----------
+    problem : MuscleForceProblem
+        Its own stability constraints, and terms that couple frames, are left out.
+    term : StabilityConstraint
+        Taken as hard.
+
+    Returns
+    -------
+    LocalModel
+
+    Raises
+    ------
+    ProblemError
+        Rows that are not affine.
+    """
     separable = problem.without_coupling()
     others = tuple(t for t in separable.constraints if not isinstance(t, StabilityConstraint))
-    model = local_model(describe(replace(separable, constraints=(*others, hard), observed=())))
+    constraints = (*others, replace(term, soft=None))
+    model = local_model(describe(replace(separable, constraints=constraints, observed=())))
     if not all(matrix.is_affine for matrix in model.matrices) or model.curved_rows:
         raise ProblemError(
             f"the reach of {term.name} is found by linear programs, but some rows of the problem are not "
             "affine in activation (the stiffness law or the muscle model); solve with soft=... instead"
         )
-    return _reach_of_matrix(model, hard) if model.matrices else _reach_of_rows(model, hard)
+    return model
 
 
-def _reach_of_rows(model: LocalModel, term: StabilityConstraint) -> Reach:
-    """Maximise every row alone by a linear program."""
+def _reach(problem: MuscleForceProblem, term: StabilityConstraint) -> Reach:
+    model = affine_model(problem, term)
+    return _reach_of_matrix(model) if model.matrices else _reach_of_rows(model, term.name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnRows:
+    """Affine rows of one term apart from all others, per frame, in scaled unknowns and the rows' own unit.
+
+    Attributes
+    ----------
+    block : RowBlock
+    gain : ndarray, shape (n_frames, n_rows, n_unknowns)
+    constant : ndarray, shape (n_frames, n_rows)
+    others : ndarray, shape (n_frames, n_others, n_unknowns)
+    least, most : ndarray, shape (n_frames, n_others)
+    lower, upper : ndarray, shape (n_frames, n_unknowns)
+    """
+
+    block: RowBlock
+    gain: FloatArray
+    constant: FloatArray
+    others: FloatArray
+    least: FloatArray
+    most: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def limits(self, k: int) -> dict[str, FloatArray]:
+        """Give the other rows and the bounds of a frame as arguments of SciPy's linprog."""
+        least, most, matrix = self.least[k], self.most[k], self.others[k]
+        equal = least == most
+        above, below = np.isfinite(least) & ~equal, np.isfinite(most) & ~equal
+        return {
+            "A_ub": np.vstack([-matrix[above], matrix[below]]),
+            "b_ub": np.concatenate([-least[above], most[below]]),
+            "A_eq": matrix[equal],
+            "b_eq": least[equal],
+            "bounds": np.column_stack([self.lower[k], self.upper[k]]),
+        }
+
+
+def own_rows(model: LocalModel, name: str) -> OwnRows:
+    """Take the rows of a term out of a model.
+
+    Parameters
+    ----------
+    model : LocalModel
+        Of affine rows.
+    name : str
+
+    Returns
+    -------
+    OwnRows
+    """
     program = model.program
-    n_frames, size = program.time.size, program.layout.size
-    lower, upper = program.bounds()
-    affine, own = program.split.affine, program.rows.term == term.name
-    block = next(block for block, _ in program.rows if block.term == term.name)
+    affine, own = program.split.affine, program.rows.term == name
+    block = next(block for block, _ in program.rows if block.term == name)
     others = ~own[affine.rows] & ~affine.is_empty.all(axis=0)
-    dense = affine.dense(size)
-    matrix, gain = dense[:, others], dense[:, own[affine.rows]] * block.scale
-    constant = affine.constant[:, own[affine.rows]] * block.scale
+    dense = affine.dense(program.layout.size)
     least, most = (
         bound[affine.rows[others]] - affine.constant[:, others]
         for bound in (program.rows.lower, program.rows.upper)
     )
-    highest = np.full((n_frames, len(block.names)), np.nan)
-    helping = np.zeros((n_frames, len(block.names), size))
+    lower, upper = program.bounds()
+    return OwnRows(
+        block=block,
+        gain=dense[:, own[affine.rows]] * block.scale,
+        constant=affine.constant[:, own[affine.rows]] * block.scale,
+        others=dense[:, others],
+        least=least,
+        most=most,
+        lower=lower,
+        upper=upper,
+    )
+
+
+def _reach_of_rows(model: LocalModel, name: str) -> Reach:
+    """Maximise every row alone by a linear program."""
+    program, rows = model.program, own_rows(model, name)
+    n_frames, n_rows, size = rows.gain.shape
+    highest = np.full((n_frames, n_rows), np.nan)
+    helping = np.zeros((n_frames, n_rows, size))
     for k in range(n_frames):
-        equal = least[k] == most[k]
-        above, below = np.isfinite(least[k]) & ~equal, np.isfinite(most[k]) & ~equal
-        limits = {
-            "A_ub": np.vstack([-matrix[k, above], matrix[k, below]]),
-            "b_ub": np.concatenate([-least[k, above], most[k, below]]),
-            "A_eq": matrix[k, equal],
-            "b_eq": least[k, equal],
-            "bounds": np.column_stack([lower[k], upper[k]]),
-        }
-        for i in range(len(block.names)):
-            answer = linprog(-gain[k, i], method="highs", **limits)
+        limits = rows.limits(k)
+        for i in range(n_rows):
+            answer = linprog(-rows.gain[k, i], method="highs", **limits)
             if answer.status == 3:  # unbounded
                 highest[k, i] = np.inf
             elif answer.success:
-                highest[k, i] = constant[k, i] - answer.fun
+                highest[k, i] = rows.constant[k, i] - answer.fun
                 helping[k, i] = -np.asarray(answer.upper.marginals) / program.layout.scale
     return Reach(
-        constraint=term.name,
+        constraint=name,
         time=program.time,
-        rows=block.names,
-        level=block.lower,
+        rows=rows.block.names,
+        level=rows.block.lower,
         highest=highest,
         labels=program.layout.labels,
         help=helping,
     )
 
 
-def _reach_of_matrix(model: LocalModel, term: StabilityConstraint) -> Reach:
+def _reach_of_matrix(model: LocalModel) -> Reach:
     """Maximise the smallest eigenvalue, as one more unknown t with H - diag(level) - t 1 ⪰ 0."""
     program, matrix = model.program, model.matrices[0]
     n_frames = program.time.size
@@ -229,7 +297,7 @@ def _reach_of_matrix(model: LocalModel, term: StabilityConstraint) -> Reach:
             turns[k] = describe_turn(matrix.block.names, mode)
     helping = np.nan_to_num(answer.upper_multiplier) / program.layout.scale
     return Reach(
-        constraint=term.name,
+        constraint=matrix.block.term,
         time=program.time,
         rows=("smallest eigenvalue",),
         level=np.zeros(1),
@@ -238,77 +306,3 @@ def _reach_of_matrix(model: LocalModel, term: StabilityConstraint) -> Reach:
         help=helping[:, None],
         turns=tuple(turns),
     )
-
-
-@checked
-def critical_q(problem: MuscleForceProblem, baseline: Solution | None = None) -> FloatArray:
-    r"""Find the gain q above which stability has no effect: plain static optimization keeps every row.
-
-    With the forces F of static optimization a row is affine in q,
-    :math:`S_i = \sum_m F_m (C_{im} + q\, r_{im}^2 / L_m) + K_i - EW_i`, so its threshold is exact; that of
-    the full Hessian is the largest root of its smallest eigenvalue, which never falls with q.
-
-    Parameters
-    ----------
-    problem : MuscleForceProblem
-        With stability constraints; their own stiffness is not used. Gains are the same for all muscles.
-    baseline : Solution, optional
-        Its solution without stability; solved frame by frame if not given.
-
-    Returns
-    -------
-    ndarray, shape (n_frames,) [-]
-        0 where the rows are kept without muscle stiffness, infinite where no stiffness is enough, NaN in
-        frames that static optimization cannot solve.
-
-    Raises
-    ------
-    ProblemError
-        The problem has no stability constraint.
-
-    Examples
-    --------
-    >>> bool((scso.critical_q(problem) < 1e-6).all())
-    True
-    """
-    if not problem.stability_terms:
-        raise ProblemError("the problem has no stability constraint whose critical q could be found")
-    if baseline is None:
-        baseline = solve_framewise(problem.without_stability().without_coupling(), on_failure="return")
-    force = np.where(baseline.is_solved[:, None], baseline.tendon_force, np.nan)
-    per_gain = force / problem.motion.trajectory.muscle_tendon_length
-    critical = np.where(baseline.is_solved, 0.0, np.nan)
-    for term in problem.stability_terms:
-        if isinstance(term, HessianStability):
-            parts = term.terms(problem.motion)
-            level = np.diag(term.by_row(term.level, parts.coordinates))
-            without = parts.hessian(force, np.zeros_like(force)) - level
-            gained = parts.hessian(np.zeros_like(force), per_gain) - parts.constant
-            threshold = _critical_gain(without, gained, baseline.is_solved)
-        else:
-            rows = term.stability_rows(problem.motion)
-            passive = term.by_row(term.passive_stiffness, rows.rows)
-            without = np.einsum("kim,km->ki", rows.curvature, force) + passive - rows.external_work
-            missing = term.by_row(term.level, rows.rows) - without
-            gained = np.einsum("kim,km->ki", rows.moment_arms**2, per_gain)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                threshold = np.where(missing > 0, missing / gained, 0.0).max(axis=1, initial=0.0)
-        critical = np.maximum(critical, np.where(baseline.is_solved, threshold, np.nan))
-    return np.where(critical > _LARGEST_GAIN, np.inf, critical)
-
-
-def _critical_gain(without: FloatArray, gained: FloatArray, usable: BoolArray) -> FloatArray:
-    """Smallest q >= 0 at which `without` + q `gained` has no negative eigenvalue, shape (n_frames,)."""
-    without, gained = (np.where(usable[:, None, None], matrix, 0.0) for matrix in (without, gained))
-
-    def is_stable(q: FloatArray) -> BoolArray:
-        return np.asarray(np.linalg.eigvalsh(without + q[:, None, None] * gained)[:, 0] >= 0)
-
-    low, high = np.zeros(len(without)), np.full(len(without), _LARGEST_GAIN)
-    with one_thread():
-        never, always = ~is_stable(high), is_stable(low)
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            stable = is_stable(middle)
-            low, high = np.where(stable, low, middle), np.where(stable, middle, high)
-    return np.where(always, 0.0, np.where(never, np.inf, high))

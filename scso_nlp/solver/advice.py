@@ -1,0 +1,131 @@
+"""What to try where frames have no answer: settings by name, with values that were computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.exceptions import ProblemError
+from scso_nlp.muscle_models.stiffness_law import PUBLISHED_GAINS, ProportionalStiffness
+from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.solution import Solution, Status
+from scso_nlp.solver.feasible_gain import feasible_q
+from scso_nlp.validation import FloatArray, shown_names
+
+#: At most so many failed frames, the worst first, are asked for what they would need.
+MOST_FRAMES = 60
+#: Price of a missed level [objective per N·m/rad]: above what nearly every frame pays for keeping it.
+PRICE = 1.0
+#: Statuses of frames in which rows cannot be kept.
+_OUT_OF_REACH = (Status.INFEASIBLE, Status.LOCALLY_INFEASIBLE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextStep:
+    """A setting that would help.
+
+    Attributes
+    ----------
+    setting : str
+        Its key in settings files; in Python the argument of that name.
+    value : str
+    effect : str
+        What it does, in words.
+    """
+
+    setting: str
+    value: str
+    effect: str
+
+    def __str__(self) -> str:
+        return f"{self.setting} = {self.value}: {self.effect}"
+
+
+def next_steps(solution: Solution) -> tuple[NextStep, ...]:
+    """Say what would give the failed frames of a solution an answer, what helps most first.
+
+    Parameters
+    ----------
+    solution : Solution
+
+    Returns
+    -------
+    tuple of NextStep
+        None where no frame failed for rows that are out of reach.
+    """
+    failed = [k for k, status in enumerate(solution.frame_status) if status in _OUT_OF_REACH]
+    if not failed:
+        return ()
+    worst = [shortfall.frame for shortfall in solution.shortfalls if shortfall.frame in set(failed)]
+    asked = sorted(tuple(dict.fromkeys((*worst, *failed)))[:MOST_FRAMES])
+    problem = solution.problem
+    hard = tuple(t for t in problem.constraints if isinstance(t, StabilityConstraint) and t.soft is None)
+    if not hard:
+        return _more_strength(solution, asked)
+    others = tuple(t for t in problem.constraints if not isinstance(t, StabilityConstraint))
+    only_hard = replace(problem.frames(asked), constraints=(*others, *hard), observed=())
+    by_gain = all(isinstance(term.stiffness_law, ProportionalStiffness) for term in hard)
+    try:
+        gain = feasible_q(only_hard) if by_gain else np.full(len(asked), np.inf)
+    # rows that are not affine
+    except ProblemError:
+        gain = np.full(len(asked), np.inf)
+    beyond = [k for k, q in zip(asked, gain, strict=True) if math.isnan(q)]
+    return (
+        *_more_strength(solution, beyond),
+        *_more_stiffness(gain, len(failed)),
+        *_lower_level(only_hard, hard, gain),
+        _price(),
+    )
+
+
+def rounded_up(gain: float) -> float:
+    """Round a gain up to two digits.
+
+    Parameters
+    ----------
+    gain : float [-]
+
+    Returns
+    -------
+    float [-]
+    """
+    if not gain > 0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(gain)) - 1)
+    return float(f"{math.ceil(gain / unit * (1 - 1e-9)) * unit:.2g}")
+
+
+def _more_strength(solution: Solution, frames: Sequence[int]) -> tuple[NextStep, ...]:
+    """Name the coordinates whose moments no activation reaches."""
+    names = {term.name for term in solution.problem.constraints if isinstance(term, MomentEquilibrium)}
+    rows = dict.fromkeys(s.row for s in solution.shortfalls if s.frame in set(frames) and s.constraint in names)
+    if not rows:
+        return ()
+    return (
+        NextStep(
+            setting="actuators",
+            value="RESERVES.xml",
+            effect=f"muscles and actuators cannot make the moments of {shown_names(tuple(rows))} in "
+            f"{len(frames)} frames, stable or not; give these coordinates reserves",
+        ),
+    )
+
+
+def _more_stiffness(gain: FloatArray, n_failed: int) -> tuple[NextStep, ...]:
+    known = gain[np.isfinite(gain)]
+    if not known.size:
+        return ()
+    least = float(known.max())
+    whole = "the failed frames" if n_failed == gain.size else f"the {gain.size} worst of {n_failed} failed frames"
+    effect = f"at q = {least:.4g} and above {whole} have an answer"
+    if known.size < gain.size:
+        effect = f"at q = {least:.4g} and above {known.size} of {whole} have an answer"
+    if least > PUBLISHED_GAINS[1]:
+        effect += "; published gains are {:g} to {:g}".format(*PUBLISHED_GAINS)
+    return (NextStep(setting="q", value=f"{rounded_up(least):g}", effect=effect),)
