@@ -11,6 +11,7 @@ import typer
 from scso_nlp.cli.console import stages_shown
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.declared_settings import SETTINGS
 from scso_nlp.messages import STAGES
 from scso_nlp.opensim.workers import number_of_cores, started_early
 from scso_nlp.signals import undisturbed
@@ -59,6 +60,8 @@ def _most_workers(source: Path, changes: Mapping[str, Any]) -> int:
 
 
 def _tell_answer(result: RunResult) -> None:
+    from scso_nlp.solver.advice import next_steps
+
     solution = result.solution
     trajectory = solution.problem.motion.trajectory
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
@@ -66,8 +69,11 @@ def _tell_answer(result: RunResult) -> None:
         typer.echo(f"  {line}")
     if result.baseline is not None:
         typer.echo(f"  {solution.report.kept(trajectory.n_frames)}")
-    for reason in (*solution.shortfalls[1:5], *solution.contradictions[:1]):
+    for reason in (*solution.other_rows()[:4], *solution.contradictions[:1]):
         typer.echo(f"  {reason}", err=True)
+    for step in next_steps(solution):
+        option = SETTINGS[step.setting].spelling
+        typer.echo(f"  try {option} {step.value}: {step.effect}", err=True)
 
 
 def _tell_files(result: RunResult, files: tuple[Path, ...]) -> None:

@@ -35,6 +35,8 @@ from scso_nlp.validation import FloatArray, by_name
 #: A fiber is taken to be at least this long [optimal fiber lengths], where its path is too short for its
 #: tendon: OpenSim's own least length of fibers without pennation.
 _SHORTEST_FIBER = 0.01
+#: Least and largest gain q in use for muscles of the trunk [-], as Akhavanfar et al. (2019) list them.
+PUBLISHED_GAINS = (0.5, 42.0)
 
 
 class StiffnessLaw(abc.ABC):

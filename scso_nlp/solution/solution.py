@@ -222,6 +222,20 @@ class Solution:
         several = (proof for proof in self.infeasibility if len(proof.rows) > 1)
         return tuple(sorted(several, key=lambda p: order.index(p.frame) if p.frame in order else len(order)))
 
+    def other_rows(self) -> tuple[str, ...]:
+        """Say by how much each row but the worst is short at most, and in how many frames it is.
+
+        Of a matrix inequality only its worst turn counts.
+        """
+        worst: dict[tuple[str, str], list[Shortfall]] = {}
+        for found in self.shortfalls:
+            row = "" if found.constraint in self.matrices else found.row
+            worst.setdefault((found.constraint, row), []).append(found)
+        return tuple(
+            (f"in {len(found)} frames, at worst: " if len(found) > 1 else "") + str(found[0])
+            for found in [*worst.values()][1:]
+        )
+
     def summary(self) -> str:
         """One sentence: how many frames failed, when, and the worst row."""
         failed = [k for k, status in enumerate(self.frame_status) if not status.is_solved]
@@ -371,11 +385,14 @@ _TABLES: dict[str, Callable[[Solution], Table | None]] = {
 
 
 class SolveFailed(ScsoError):
-    """Some frame was not solved; `solution` holds what there is, with its statuses and shortfalls."""
+    """Some frame was not solved; `solution` holds what there is, with its statuses and shortfalls.
+
+    `advice` are sentences that end its message: what to try.
+    """
 
     @checked
-    def __init__(self, solution: Solution) -> None:
+    def __init__(self, solution: Solution, advice: Sequence[str] = ()) -> None:
         self.solution = solution
-        lines = [solution.summary(), *(f"  {shortfall}" for shortfall in solution.shortfalls[1:3])]
+        lines = [solution.summary(), *(f"  {row}" for row in solution.other_rows()[:2])]
         lines += [f"  {proof}" for proof in solution.contradictions[:1]]
-        super().__init__("\n".join(lines))
+        super().__init__("\n".join([*lines, *(f"  {sentence}" for sentence in advice)]))

@@ -18,7 +18,7 @@ from scso_nlp.solver.feasible_gain import feasible_q
 from scso_nlp.validation import FloatArray, shown_names
 
 #: At most so many failed frames, the worst first, are asked for what they would need.
-MOST_FRAMES = 60
+MOST_FRAMES = 100
 #: Price of a missed level [objective per N·m/rad]: above what nearly every frame pays for keeping it.
 PRICE = 1.0
 #: Statuses of frames in which rows cannot be kept.
@@ -69,9 +69,9 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
         return _more_strength(solution, asked)
     others = tuple(t for t in problem.constraints if not isinstance(t, StabilityConstraint))
     only_hard = replace(problem.frames(asked), constraints=(*others, *hard), observed=())
-    by_gain = all(isinstance(term.stiffness_law, ProportionalStiffness) for term in hard)
+    laws = [law for term in hard if isinstance(law := term.stiffness_law, ProportionalStiffness)]
     try:
-        gain = feasible_q(only_hard) if by_gain else np.full(len(asked), np.inf)
+        gain = feasible_q(only_hard) if len(laws) == len(hard) else np.full(len(asked), np.inf)
     # rows that are not affine
     except ProblemError:
         gain = np.full(len(asked), np.inf)
@@ -79,7 +79,7 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
     return (
         *_more_strength(solution, beyond),
         *_more_stiffness(gain, len(failed)),
-        *_lower_level(only_hard, hard, gain),
+        *(_lower_level(only_hard, hard, laws) if np.isfinite(gain).any() else ()),
         _price(),
     )
 
@@ -104,7 +104,9 @@ def rounded_up(gain: float) -> float:
 def _more_strength(solution: Solution, frames: Sequence[int]) -> tuple[NextStep, ...]:
     """Name the coordinates whose moments no activation reaches."""
     names = {term.name for term in solution.problem.constraints if isinstance(term, MomentEquilibrium)}
-    rows = dict.fromkeys(s.row for s in solution.shortfalls if s.frame in set(frames) and s.constraint in names)
+    rows = dict.fromkeys(
+        s.row for s in solution.shortfalls if s.frame in set(frames) and s.constraint in names
+    )
     if not rows:
         return ()
     return (
@@ -112,7 +114,7 @@ def _more_strength(solution: Solution, frames: Sequence[int]) -> tuple[NextStep,
             setting="actuators",
             value="RESERVES.xml",
             effect=f"muscles and actuators cannot make the moments of {shown_names(tuple(rows))} in "
-            f"{len(frames)} frames, stable or not; give these coordinates reserves",
+            f"{len(frames)} frame{'s' if len(frames) > 1 else ''}, stable or not: reserves would",
         ),
     )
 
@@ -122,10 +124,36 @@ def _more_stiffness(gain: FloatArray, n_failed: int) -> tuple[NextStep, ...]:
     if not known.size:
         return ()
     least = float(known.max())
-    whole = "the failed frames" if n_failed == gain.size else f"the {gain.size} worst of {n_failed} failed frames"
+    whole = (
+        "the failed frames" if n_failed == gain.size else f"the {gain.size} worst of {n_failed} failed frames"
+    )
     effect = f"at q = {least:.4g} and above {whole} have an answer"
     if known.size < gain.size:
         effect = f"at q = {least:.4g} and above {known.size} of {whole} have an answer"
     if least > PUBLISHED_GAINS[1]:
         effect += "; published gains are {:g} to {:g}".format(*PUBLISHED_GAINS)
     return (NextStep(setting="q", value=f"{rounded_up(least):g}", effect=effect),)
+
+
+def _lower_level(
+    problem: MuscleForceProblem,
+    hard: Sequence[StabilityConstraint],
+    laws: Sequence[ProportionalStiffness],
+) -> tuple[NextStep, ...]:
+    """Say so where level 0 would do at the gain in use."""
+    terms = tuple(replace(term, level=0.0) for term in hard)
+    is_raised = any(np.max(term.by_row(term.level, term.row_names(problem.motion))) > 0 for term in hard)
+    if not is_raised:
+        return ()
+    least = min(float(law.gains(problem.motion.trajectory.muscles).min()) for law in laws)
+    kept = tuple(term for term in problem.constraints if term not in hard)
+    enough = feasible_q(replace(problem, constraints=(*kept, *terms))) <= least
+    if not enough.any():
+        return ()
+    some = "they" if enough.all() else f"{enough.sum()} of {enough.size} of them"
+    return (NextStep(setting="level", value="0", effect=f"at level 0 {some} have an answer"),)
+
+
+def _price() -> NextStep:
+    effect = "levels may be missed at this price per N·m/rad, and what is missed is told"
+    return NextStep(setting="soft", value=f"{PRICE:g}", effect=effect)

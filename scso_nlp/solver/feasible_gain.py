@@ -40,9 +40,9 @@ def feasible_q(problem: MuscleForceProblem) -> FloatArray:
 
     .. math:: q^* = \min_x \max_i \frac{\text{level}_i - S_i(x, 0)}{S_i(x, 1) - S_i(x, 0)}
 
-    over the unknowns x that keep all other rows, S_i(x, q) being the stability of row i. From forces that keep
-    the rows at some q follows a smaller one at which they still do; at that q the rows are raised together
-    again, and so on.
+    over the unknowns x that keep all other rows, S_i(x, q) being the stability of row i. From forces that
+    keep the rows at some q follows a smaller one at which they still do; at that q the rows are raised
+    together again, and so on.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def feasible_q(problem: MuscleForceProblem) -> FloatArray:
     Returns
     -------
     ndarray, shape (n_frames,) [-]
-        0 where muscle stiffness is not needed, infinite where no gain is enough, NaN where the other rows have
-        no answer.
+        0 where muscle stiffness is not needed, infinite where no gain is enough, NaN where the other rows
+        have no answer.
 
     Raises
     ------
@@ -74,8 +74,8 @@ def _feasible_gain(problem: MuscleForceProblem, term: StabilityConstraint) -> Fl
     models = [affine_model(problem, replace(term, stiffness=None, q=q)) for q in (0.0, 1.0)]
     if models[0].matrices:
         return _feasible_gain_of_matrix(*models)
-    rows = [own_rows(model, term.name) for model in models]
-    return np.array([_feasible_gain_of_rows(*rows, k) for k in range(problem.motion.n_frames)])
+    without, at_one = (own_rows(model, term.name) for model in models)
+    return np.array([_feasible_gain_of_rows(without, at_one, k) for k in range(problem.motion.n_frames)])
 
 
 def _feasible_gain_of_rows(without: OwnRows, at_one: OwnRows, k: int) -> float:

@@ -13,6 +13,7 @@ from scso_nlp.exceptions import CouplingError, ProblemError
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
+from scso_nlp.solver.advice import next_steps
 from scso_nlp.solver.baseline import start_of_baseline
 from scso_nlp.solver.ipopt import SolverOptions
 from scso_nlp.solver.judge import Outcome, judge
@@ -174,7 +175,7 @@ def _solve(
     if given[1] is not None:
         _LOG.info("%s: %s", problem.motion.name, report.kept(problem.motion.n_frames))
     if on_failure == "raise" and not solution.is_solved.all():
-        raise SolveFailed(solution)
+        raise SolveFailed(solution, [f"try {step}" for step in next_steps(solution)])
     return solution
 
 

@@ -221,6 +221,7 @@ def test_infeasible_frames_give_exit_code_1_and_nothing_that_looks_like_a_result
     assert done.returncode == 1
     assert "73 of 73 frames failed (infeasible)" in done.stderr
     assert "MomentEquilibrium[pelvis_ty] short by" in done.stderr
+    assert "  try --actuators RESERVES.xml: muscles and actuators cannot make the moments of" in done.stderr
     assert files(tmp_path) == {"results/report.json", "results/gait10dof18musc_weak_status.sto"}
 
 
@@ -274,6 +275,7 @@ def test_failed_frames_can_be_kept_and_the_exit_code_stays_1(spine):
     done = scso("run", spine / "setup.xml", *options, "--output", "results", cwd=spine)
     assert done.returncode == 1
     assert "short by" in done.stderr
+    assert "  try --level 0: at level 0 they have an answer\n  try --soft 1: " in done.stderr
     table = read_storage(spine / "results" / "spine_load_height_StaticOptimization_activation.sto")
     assert np.isnan(table.values).any(axis=1).any()
 

@@ -33,9 +33,9 @@ def highest(problem, q):
 @pytest.mark.parametrize("rule", ["rows", CoordinateStability, HessianStability])
 def test_just_above_it_every_frame_has_an_answer_and_just_below_none_has(rng, rule):
     if rule == "rows":
-        problem = with_stability(random_problem(rng, n_frames=4, reserve=5.0), 40.0)
+        problem = with_stability(random_problem(rng, n_frames=2, reserve=5.0), 40.0)
     else:
-        problem = hessian_problem(rng, n_frames=4, stability=rule(level=60.0))
+        problem = hessian_problem(rng, n_frames=2, stability=rule(level=60.0))
     least = scso.feasible_q(problem)
     assert (least > 0.1).all()
     assert np.isfinite(least).all()
