@@ -88,10 +88,11 @@ def lifting_study(trial: str, step_interval: int = 1) -> Study:
     problem = back_lifting.make_problem(trial, step_interval=step_interval, with_curvature=True)
     plain = problem.without_stability()
     rows, matrix = back_lifting.passive_stiffness()
+    all_axes = JointStability(q=5.0, joints=back_lifting.JOINTS, axes=("x", "y", "z"))
     terms = {
-        "SCSO q = 5": JointStability(q=5.0, joints=back_lifting.JOINTS),
-        "SCSO q = 3": JointStability(q=3.0, joints=back_lifting.JOINTS),
-        "SCSO q = 5, passive": JointStability(q=5.0, joints=back_lifting.JOINTS, passive_stiffness=rows),
+        "SCSO q = 5": all_axes,
+        "SCSO q = 3": replace(all_axes, q=3.0),
+        "SCSO q = 5, passive": replace(all_axes, passive_stiffness=rows),
         "full q = 5, passive": HessianStability(
             q=5.0, coordinates=back_lifting.COORDINATES, passive_stiffness=matrix
         ),

@@ -31,6 +31,7 @@ from scso_nlp.report.results import write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
 from scso_nlp.solution import Solution
 from scso_nlp.solver import SolverOptions
+from scso_nlp.stability.rows import AXES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +252,7 @@ def check_names(
         if isinstance(stability, JointStability):
             names.require("joint", stability.joints or (), names.joints)
             joints = stability.joints or names.joints
-            rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes)
+            rows = tuple(f"{joint}_{axis}" for joint in joints for axis in stability.axes or AXES)
         else:
             chosen = getattr(stability, "coordinates", None)
             names.require("coordinate", chosen or (), names.coordinates)

@@ -62,6 +62,9 @@ class Skeleton:
         ``joint_axes[k, j, u]`` is the unit axis called x, y or z (u = 0, 1, 2). For a joint with a
         spatial transform these are its three successive rotation axes, each called by the letter it
         lies nearest to; otherwise the axes of its frame on the base side.
+    joint_obstacles : tuple of str
+        Why muscles cannot make a joint axis stable, empty where they can: of x, y and z of the first joint,
+        then of the next; none at all where it is not known.
     load_names : tuple of str
         External loads.
     load_bodies : ndarray of int, shape (n_loads,)
@@ -103,6 +106,7 @@ class Skeleton:
     virtual_rows: tuple[str, ...] = ()
     virtual_moment_arms: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     virtual_curvature: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    joint_obstacles: tuple[str, ...] = ()
 
     __repr__ = without_arrays
 
@@ -111,6 +115,12 @@ class Skeleton:
         for kind in ("bodies", "joints", "load_names", "virtual_rows"):
             set_field(self, kind, unique_names(kind, getattr(self, kind)))
         n_bodies, n_joints, n_loads = len(self.bodies), len(self.joints), len(self.load_names)
+        set_field(self, "joint_obstacles", tuple(self.joint_obstacles))
+        if len(self.joint_obstacles) not in (0, 3 * n_joints):
+            raise DataError(
+                f"joint_obstacles has {len(self.joint_obstacles)} entries, expected none or three for each "
+                f"of {n_joints} joints"
+            )
         of_points = "n_frames, n_muscles, n_points"
         owners = read_only_integers(
             "path_point_bodies",

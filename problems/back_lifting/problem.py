@@ -84,7 +84,7 @@ def make_problem(
         raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
     folder = fetch(BACK_LIFTING)
     moments = read_storage(folder / trial / "id.sto")
-    stability = JointStability(q=q, joints=JOINTS)
+    stability = JointStability(q=q, joints=JOINTS, axes=("x", "y", "z"))
     recorded = load_motion(
         model=folder / "lumbarModel_scaled.osim",
         coordinates=folder / trial / "ik.sto",

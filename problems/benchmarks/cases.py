@@ -162,7 +162,7 @@ def _lift() -> MuscleForceProblem:
 
     by_row, by_coordinate = passive_stiffness()
     problem = make_problem("stoop15kg", step_interval=4, with_curvature=True)
-    rows = JointStability(q=5.0, joints=JOINTS, passive_stiffness=by_row)
+    rows = JointStability(q=5.0, joints=JOINTS, axes=("x", "y", "z"), passive_stiffness=by_row)
     whole = HessianStability(q=5.0, passive_stiffness=by_coordinate)
     return replace(problem, constraints=(MomentEquilibrium(), rows, whole))
 

@@ -41,7 +41,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(WALKING3D)
-    stability = JointStability(q=q, joints=JOINTS, soft=SOFT)
+    stability = JointStability(q=q, joints=JOINTS, axes=("x", "y", "z"), soft=SOFT)
     motion = load_motion(
         model=folder / "subject_walk_scaled.osim",
         coordinates=folder / "coordinates.sto",

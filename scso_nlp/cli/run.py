@@ -86,5 +86,5 @@ def _tell_files(result: RunResult, files: tuple[Path, ...]) -> None:
     has_results = any("_activation" in path.name for path in files)
     kind = "results" if has_results else "status and report, no results,"
     typer.echo(f"  {kind} in {folder}")
-    for note in result.settings.notes:
+    for note in result.record.notes:
         typer.echo(f"  {note}")

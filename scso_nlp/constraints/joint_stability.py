@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.motion import Motion
 from scso_nlp.needs import MotionNeeds
 from scso_nlp.stability.potvin_brown import potvin_brown
-from scso_nlp.stability.rows import AXES, StabilityRows, select_rows
-from scso_nlp.validation import chosen_names, positions
+from scso_nlp.stability.rows import AXES, StabilityRows, left_out, select_rows
+from scso_nlp.validation import FloatArray, chosen_names, positions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +29,11 @@ class JointStability(StabilityConstraint):
     Attributes
     ----------
     joints : sequence of str or None
-        Joints of the rows; None for all joints of the model.
-    axes : sequence of "x", "y", "z"
-        Axes of each joint.
+        Joints of the rows; None for all that have an axis which muscles can make stable: a free coordinate
+        turns it, and muscles cross the joint.
+    axes : sequence of "x", "y", "z", or None
+        Axes of each joint; None for all such axes. What is named is kept, whatever it is; what is left out
+        where something is not named is in the notes.
     moving_paths : "exact" or "frozen"
         What to do about contact points on wrap surfaces and moving points, see
         :func:`scso_nlp.stability.potvin_brown`.
@@ -48,20 +51,20 @@ class JointStability(StabilityConstraint):
     """
 
     joints: Sequence[str] | None = None
-    axes: Sequence[str] = ("x", "y", "z")
+    axes: Sequence[str] | None = None
     moving_paths: Literal["exact", "frozen"] = "exact"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "joints", chosen_names("joint", self.joints))
         object.__setattr__(self, "axes", chosen_names("axis", self.axes))
-        positions("axis", self.axes, AXES)
+        positions("axis", self.axes or (), AXES)
 
     @property
     def needs(self) -> MotionNeeds:
         """Points of muscle paths, and virtual rotations of those that wrap or move unless they are frozen."""
         joints = ("all",) if self.joints is None else self.joints
-        axes = tuple((joint, axis) for joint in joints for axis in self.axes)
+        axes = tuple((joint, axis) for joint in joints for axis in self.axes or AXES)
         return MotionNeeds(muscle_paths=True, stability_axes=() if self.moving_paths == "frozen" else axes)
 
     def stability_rows(self, motion: Motion) -> StabilityRows:
@@ -75,6 +78,20 @@ class JointStability(StabilityConstraint):
         skeleton = motion.trajectory.skeleton
         return select_rows(skeleton, self.joints, self.axes)[0] if skeleton is not None else ()
 
+    def by_row(self, values: float | Mapping[str, float] | None, names: Sequence[str]) -> FloatArray:
+        """Spread one value, or values by name or pattern, over rows; shape (n_rows,)."""
+        try:
+            return super().by_row(values, names)
+        except NameMismatchError as error:
+            if self.joints is not None and self.axes is not None:
+                raise
+            raise NameMismatchError(
+                f"{error}; rows that muscles cannot make stable are left out unless joints and axes are named"
+            ) from None
+
     def notes(self, motion: Motion) -> tuple[str, ...]:
-        """Say which paths are taken as they are not."""
-        return self.stability_rows(motion.frames(0, 1)).notes
+        """Say which rows are left out, and which paths are taken as they are not."""
+        paths = self.stability_rows(motion.frames(0, 1)).notes
+        skeleton = motion.trajectory.skeleton
+        omitted = "" if skeleton is None else left_out(skeleton, self.joints, self.axes)
+        return (f"no stability rows where {omitted}", *paths) if omitted else paths

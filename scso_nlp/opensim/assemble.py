@@ -10,6 +10,7 @@ import numpy as np
 from scso_nlp.joint_reactions import JointReactionMap
 from scso_nlp.motion import Motion
 from scso_nlp.muscles import ActuatorParameters, MuscleParameters
+from scso_nlp.opensim.description import joint_axes
 from scso_nlp.opensim.plausible import notes_on_units
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.opensim.worker.exchange import Result
@@ -57,9 +58,10 @@ def assemble(motion: MotionInput, result: Result) -> Motion:
     muscles, actuators = MuscleParameters(**fields["muscles"]), ActuatorParameters(**fields["actuators"])
     if curvature is not None:
         _report_uncertainty(motion, muscles, curvature)
+    skeleton = Skeleton(**fields["skeleton"], joint_obstacles=_obstacles(fields.get("axes")))
     trajectory = MotionTrajectory(
         name=motion.name,
-        skeleton=Skeleton(**fields["skeleton"]),
+        skeleton=skeleton,
         curvature=curvature,
         joint_reactions=reactions,
         **fields["trajectory"],
@@ -67,6 +69,13 @@ def assemble(motion: MotionInput, result: Result) -> Motion:
     for note in notes_on_units(motion, trajectory, fields["log"]["size"]):
         logger.warning("%s", note)
     return Motion(trajectory=trajectory, muscles=muscles, actuators=actuators)
+
+
+def _obstacles(axes: dict[str, Any] | None) -> tuple[str, ...]:
+    """Say of every joint axis why muscles cannot make it stable; nothing where that is not known of all."""
+    if axes is None or not axes["have_points"]:
+        return ()
+    return tuple(axis.obstacle for joint in joint_axes(axes) for axis in joint)
 
 
 def _report_contradictions(motion: MotionInput, log: dict[str, Any]) -> None:

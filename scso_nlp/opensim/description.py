@@ -291,7 +291,7 @@ def _description(found: Mapping[str, Any]) -> ModelDescription:
         bodies=tuple(bodies),
         body_parents=MappingProxyType(parents),
         body_masses=MappingProxyType(dict(zip(bodies, found["body_masses"], strict=True))),
-        joints=tuple(_joint(found, j, coordinates, muscles) for j in range(len(found["joints"]))),
+        joints=tuple(_joint(found, j, coordinates, axes) for j, axes in enumerate(joint_axes(found["axes"]))),
         coordinates=coordinates,
         muscles=muscles,
         actuators=actuators,
@@ -307,46 +307,51 @@ def _description(found: Mapping[str, Any]) -> ModelDescription:
 
 
 def _joint(
-    found: Mapping[str, Any], j: int, coordinates: tuple[Coordinate, ...], muscles: tuple[Muscle, ...]
+    found: Mapping[str, Any], j: int, coordinates: tuple[Coordinate, ...], axes: tuple[JointAxis, ...]
 ) -> Joint:
     name, bodies = found["joints"][j], found["bodies"]
-    own = tuple(coordinate.name for coordinate in coordinates if coordinate.joint == name)
-    crossing = [muscle.name for muscle, is_so in zip(muscles, found["crossing"][j], strict=True) if is_so]
     return Joint(
         name=name,
         kind=found["joint_kinds"][j],
         parent=bodies[found["joint_parents"][j]],
         child=bodies[found["joint_children"][j]],
-        coordinates=own,
-        axes=tuple(_axis(found, j, a, own, coordinates, muscles, crossing) for a in range(3)),
-        muscles=tuple(crossing),
+        coordinates=tuple(coordinate.name for coordinate in coordinates if coordinate.joint == name),
+        axes=axes,
+        muscles=tuple(axes[0].moment_arms),
     )
 
 
-def _axis(
-    found: Mapping[str, Any],
-    j: int,
-    a: int,
-    own: tuple[str, ...],
-    coordinates: tuple[Coordinate, ...],
-    muscles: tuple[Muscle, ...],
-    crossing: list[str],
-) -> JointAxis:
-    rates = np.array(found["turn_rates"][j])
-    free = [coordinate.name for coordinate in coordinates if coordinate.is_free]
+def joint_axes(found: Mapping[str, Any]) -> tuple[tuple[JointAxis, ...], ...]:
+    """Make the axes of every joint of what a worker found.
+
+    Parameters
+    ----------
+    found : mapping of str to object
+        What :func:`scso_nlp.opensim.worker.description.joint_axes` returns.
+
+    Returns
+    -------
+    tuple of tuple of JointAxis
+        x, y and z of each joint.
+    """
+    return tuple(tuple(_axis(found, j, a) for a in range(len(AXES))) for j in range(len(found["joints"])))
+
+
+def _axis(found: Mapping[str, Any], j: int, a: int) -> JointAxis:
+    name, rates = found["joints"][j], np.array(found["turn_rates"][j])
     turned_by: dict[str, float] = {}
     follows: dict[str, float] = {}
-    for c, coordinate in enumerate(free):
+    for c, coordinate in enumerate(found["free"]):
         if abs(rates[a, c]) > LEAST_TURN:
             is_main = int(np.abs(rates[:, c]).argmax()) == a
             (turned_by if is_main else follows)[coordinate] = float(rates[a, c])
-    names = [muscle.name for muscle in muscles]
-    arms = dict(zip(names, found["turned_moment_arms"][j][a], strict=True))
+    owners = dict(zip(found["free"], found["free_owners"], strict=True))
+    arms = zip(found["muscles"], found["turned_moment_arms"][j][a], found["crossing"][j], strict=True)
     return JointAxis(
-        joint=found["joints"][j],
+        joint=name,
         axis=AXES[a],
         turned_by=MappingProxyType(turned_by),
         follows=MappingProxyType(follows),
-        by_constraint=tuple(name for name in (*turned_by, *follows) if name not in own),
-        moment_arms=MappingProxyType({muscle: arms[muscle] for muscle in crossing}),
+        by_constraint=tuple(own for own in (*turned_by, *follows) if owners[own] != name),
+        moment_arms=MappingProxyType({muscle: arm for muscle, arm, crosses in arms if crosses}),
     )

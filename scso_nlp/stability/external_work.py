@@ -16,13 +16,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from scso_nlp.stability.rows import AXES, select_rows
+from scso_nlp.stability.rows import select_rows
 from scso_nlp.trajectory import Skeleton
 from scso_nlp.validation import FloatArray
 
 
 def external_work(
-    skeleton: Skeleton, joints: Iterable[str] | None = None, axes: Iterable[str] = AXES
+    skeleton: Skeleton, joints: Iterable[str] | None = None, axes: Iterable[str] | None = None
 ) -> FloatArray:
     r"""External work about joint axes, from all weights and loads distal of each joint.
 
@@ -31,10 +31,8 @@ def external_work(
     Parameters
     ----------
     skeleton : Skeleton
-    joints : iterable of str, or None
-        None: every joint.
-    axes : iterable of str
-        Letters among x, y and z.
+    joints, axes : iterable of str, or None
+        As for :func:`scso_nlp.stability.select_rows`.
 
     Returns
     -------

@@ -18,7 +18,7 @@ import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.stability.external_work import external_work
-from scso_nlp.stability.rows import AXES, StabilityRows, select_rows
+from scso_nlp.stability.rows import StabilityRows, select_rows
 from scso_nlp.trajectory import MotionTrajectory, Skeleton
 from scso_nlp.validation import BoolArray, FloatArray
 
@@ -29,7 +29,7 @@ SHORTEST_SEGMENT = 1e-9
 def potvin_brown(
     trajectory: MotionTrajectory,
     joints: Iterable[str] | None = None,
-    axes: Iterable[str] = AXES,
+    axes: Iterable[str] | None = None,
     moving_paths: Literal["exact", "frozen"] = "exact",
 ) -> StabilityRows:
     """Build the rows of Potvin and Brown's stability about joint axes.
@@ -38,10 +38,8 @@ def potvin_brown(
     ----------
     trajectory : MotionTrajectory
         Its skeleton must be there.
-    joints : iterable of str, or None
-        None: every joint of the skeleton.
-    axes : iterable of str
-        Letters among x, y and z.
+    joints, axes : iterable of str, or None
+        As for :func:`scso_nlp.stability.select_rows`.
     moving_paths : {"exact", "frozen"}
         What to do where a path crosses the joint with a point that slides: a contact on a wrap surface
         or a moving path point. ``"exact"`` takes the skeleton's virtual moment arms and curvature and
@@ -85,6 +83,9 @@ def potvin_brown(
             "load it from a model again"
         )
     skeleton.require_paths()
+    joints, axes = (
+        names if names is None or isinstance(names, str) else tuple(names) for names in (joints, axes)
+    )
     rows, joint_of_row, axis_of_row = select_rows(skeleton, joints, axes)
     shape = (trajectory.n_frames, len(rows), len(trajectory.muscles))
     curvature, moment_arms = np.zeros(shape), np.zeros(shape)
@@ -115,9 +116,7 @@ def potvin_brown(
         curvature=curvature,
         moment_arms=moment_arms,
         path_length=trajectory.muscle_tendon_length,
-        external_work=external_work(
-            skeleton, [skeleton.joints[j] for j in dict.fromkeys(joint_of_row)], axes
-        ),
+        external_work=external_work(skeleton, joints, axes),
         notes=notes,
     )
 

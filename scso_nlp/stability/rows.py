@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike
 
 from scso_nlp.exceptions import DataError
 from scso_nlp.trajectory import Skeleton
-from scso_nlp.validation import FloatArray, IntArray, positions, read_only, unique_names
+from scso_nlp.validation import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    positions,
+    read_only,
+    shown_names,
+    unique_names,
+)
 
 #: Letters of the axes of a joint, in the order of `Skeleton.joint_axes`.
 AXES = ("x", "y", "z")
@@ -168,17 +176,17 @@ def joint_stability(rows: StabilityRows, tendon_force: ArrayLike, q: ArrayLike) 
 
 
 def select_rows(
-    skeleton: Skeleton, joints: Iterable[str] | None, axes: Iterable[str]
+    skeleton: Skeleton, joints: Iterable[str] | None, axes: Iterable[str] | None
 ) -> tuple[tuple[str, ...], IntArray, IntArray]:
-    """Find joints and axes by name.
+    """Find joints and axes by name; what is not named is what muscles can make stable.
 
     Parameters
     ----------
     skeleton : Skeleton
     joints : iterable of str, or None
-        None: every joint of the skeleton.
-    axes : iterable of str
-        Letters among x, y and z.
+        None: every joint that has such an axis.
+    axes : iterable of str, or None
+        Letters among x, y and z; None: all such axes of each joint.
 
     Returns
     -------
@@ -192,15 +200,26 @@ def select_rows(
     NameMismatchError
         A joint or an axis is not there.
     DataError
-        A name stands twice, or an axis of the skeleton is not of unit length.
+        A name stands twice, an axis of the skeleton is not of unit length, or a joint that is named has no
+        axis that muscles can make stable, or none has.
     """
     wanted_joints = skeleton.joints if joints is None else unique_names("joint", _names(joints))
-    wanted_axes = unique_names("axis", _names(axes))
+    wanted_axes = AXES if axes is None else unique_names("axis", _names(axes))
     joint_indices = positions("joint", wanted_joints, skeleton.joints)
     axis_indices = positions("axis", wanted_axes, AXES)
     joint_of_row = np.repeat(joint_indices, len(axis_indices))
     axis_of_row = np.tile(axis_indices, len(joint_indices))
-    rows = tuple(f"{joint}_{axis}" for joint in wanted_joints for axis in wanted_axes)
+    if joints is None or axes is None:
+        chosen = _can_be_stable(skeleton, joint_of_row, axis_of_row)
+        if joints is not None:
+            _refuse_joints_without_rows(skeleton, joint_indices, joint_of_row[chosen])
+        elif joint_indices.size and not chosen.any():
+            raise DataError(
+                "muscles can make no joint axis stable, expected one at least: "
+                f"{left_out(skeleton, None, axes)}"
+            )
+        joint_of_row, axis_of_row = joint_of_row[chosen], axis_of_row[chosen]
+    rows = tuple(f"{skeleton.joints[j]}_{AXES[a]}" for j, a in zip(joint_of_row, axis_of_row, strict=True))
     lengths = np.linalg.norm(skeleton.joint_axes[:, joint_of_row, axis_of_row], axis=-1)
     wrong = np.abs(lengths - 1.0) > UNIT_AXIS_TOLERANCE
     if wrong.any():
@@ -209,6 +228,58 @@ def select_rows(
             f"joint_axes of {rows[row]} has length {lengths[frame, row]:g} at frame {frame}, expected 1"
         )
     return rows, joint_of_row, axis_of_row
+
+
+def left_out(skeleton: Skeleton, joints: Iterable[str] | None, axes: Iterable[str] | None) -> str:
+    """Say which rows :func:`select_rows` leaves out, and why.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    joints, axes : iterable of str, or None
+        As for :func:`select_rows`.
+
+    Returns
+    -------
+    str
+        By reason, axes and joints; empty where nothing is left out.
+    """
+    if (joints is not None and axes is not None) or not skeleton.joint_obstacles:
+        return ""
+    wanted_axes = AXES if axes is None else _names(axes)
+    groups: dict[str, dict[str, list[str]]] = {}
+    for joint in skeleton.joints if joints is None else _names(joints):
+        by_reason: dict[str, list[str]] = {}
+        for axis in wanted_axes:
+            reason = _obstacle(skeleton, skeleton.joints.index(joint), AXES.index(axis))
+            if reason:
+                by_reason.setdefault(reason, []).append(axis)
+        for reason, found in by_reason.items():
+            which = "" if len(found) == len(wanted_axes) else f"{' and '.join(found)} of "
+            groups.setdefault(reason, {}).setdefault(which, []).append(joint)
+    return "; ".join(
+        f"{reason}: " + ", ".join(which + shown_names(names) for which, names in found.items())
+        for reason, found in groups.items()
+    )
+
+
+def _obstacle(skeleton: Skeleton, joint: int, axis: int) -> str:
+    return skeleton.joint_obstacles[joint * len(AXES) + axis] if skeleton.joint_obstacles else ""
+
+
+def _can_be_stable(skeleton: Skeleton, joint_of_row: IntArray, axis_of_row: IntArray) -> BoolArray:
+    """Tell which rows muscles can make stable as far as is known, shape (n_rows,)."""
+    rows = zip(joint_of_row.tolist(), axis_of_row.tolist(), strict=True)
+    return np.array([not _obstacle(skeleton, joint, axis) for joint, axis in rows], dtype=bool)
+
+
+def _refuse_joints_without_rows(skeleton: Skeleton, wanted: IntArray, found: IntArray) -> None:
+    without = [skeleton.joints[j] for j in wanted.tolist() if j not in found]
+    if without:
+        raise DataError(
+            f"muscles can make no axis of {shown_names(without)} stable "
+            f"({left_out(skeleton, without, None)}): leave it out, or name its axes to have rows all the same"
+        )
 
 
 def _names(names: Iterable[str]) -> tuple[str, ...]:

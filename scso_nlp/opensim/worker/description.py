@@ -38,14 +38,18 @@ def describe_model(request: Request) -> dict[str, Any]:
         model = Model(request.settings)
     finally:
         refuse_changed(request.inputs)
-    return _Describer(model).content()
+    dependent = choose_dependent(model.constraint_matrix(model.state), model.coordinates.is_set_by_model)
+    return _Describer(model, Elimination(dependent)).content()
+
+
+def joint_axes(model: Model, elimination: Elimination) -> dict[str, Any]:
+    """Return what every :class:`scso_nlp.opensim.description.JointAxis` is made of, as JSON values."""
+    return _Describer(model, elimination).axes()
 
 
 class _Describer:
-    def __init__(self, model: Model) -> None:
-        self._model = model
-        dependent = choose_dependent(model.constraint_matrix(model.state), model.coordinates.is_set_by_model)
-        self._elimination = Elimination(dependent)
+    def __init__(self, model: Model, elimination: Elimination) -> None:
+        self._model, self._elimination = model, elimination
         self._default = self._moving(model.state)
 
     def content(self) -> dict[str, Any]:
@@ -63,9 +67,7 @@ class _Describer:
             "joint_children": joints.outboard,
             "coordinates": self._coordinates(),
             "base_coordinates": model.base_coordinates(self._elimination.free),
-            "turn_rates": self._largest_turn_rates().tolist(),
-            "crossing": [[bool(flag) for flag in row] for row in self._crossing()],
-            "turned_moment_arms": self._turned_moment_arms().tolist(),
+            "axes": self.axes(),
             "muscles": [
                 {
                     "name": muscle.getName(),
@@ -92,10 +94,29 @@ class _Describer:
             "outside": model.forces.outside,
         }
 
-    def _coordinates(self) -> list[dict[str, Any]]:
-        model, coordinates = self._model, self._model.coordinates
-        coupled = {coupler.target for coupler in coordinates.couplers}
+    def axes(self) -> dict[str, Any]:
+        """Return what turns and crosses the joints."""
+        model, owners = self._model, self._owners()
+        return {
+            "joints": model.joints.names,
+            "muscles": [muscle.getName() for muscle in model.forces.muscles],
+            "have_points": all(path.geometry is not None for path in model.paths),
+            "free": [model.coordinates.names[k] for k in self._elimination.free],
+            "free_owners": [owners[k] for k in self._elimination.free],
+            "turn_rates": self._largest_turn_rates().tolist(),
+            "crossing": [[bool(flag) for flag in row] for row in self._crossing()],
+            "turned_moment_arms": self._turned_moment_arms().tolist(),
+        }
+
+    def _owners(self) -> list[str]:
+        """Return the joint of every coordinate."""
+        model = self._model
         joints = {path: name for path, name in zip(model.joints.paths, model.joints.names, strict=True)}
+        return [joints[item.getJoint().getAbsolutePathString()] for item in model.coordinates.items]
+
+    def _coordinates(self) -> list[dict[str, Any]]:
+        model, coordinates, owners = self._model, self._model.coordinates, self._owners()
+        coupled = {coupler.target for coupler in coordinates.couplers}
         found = []
         for k, coordinate in enumerate(coordinates.items):
             state = "closes a loop" if self._elimination.dependent[k] else "free"
@@ -108,7 +129,7 @@ class _Describer:
             found.append(
                 {
                     "name": coordinates.names[k],
-                    "joint": joints[coordinate.getJoint().getAbsolutePathString()],
+                    "joint": owners[k],
                     "motion": MOTIONS[int(coordinate.getMotionType())],
                     "default": float(coordinate.getDefaultValue()),
                     "range": (float(coordinate.getRangeMin()), float(coordinate.getRangeMax())),

@@ -13,6 +13,7 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.files import refuse_changed
 from scso_nlp.opensim.worker.assembly import assembled
 from scso_nlp.opensim.worker.coordinate_derivatives import CoordinateDerivatives
+from scso_nlp.opensim.worker.description import joint_axes
 from scso_nlp.opensim.worker.dynamics import Dynamics
 from scso_nlp.opensim.worker.exchange import Job, joined
 from scso_nlp.opensim.worker.model import Model
@@ -160,8 +161,11 @@ class Extraction:
             "load_torques": loads.torques,
         }
 
-    def header(self) -> dict[str, Any]:
-        """Return names and constants by data class and field, the same in every worker."""
+    def header(self, *, with_axes: bool) -> dict[str, Any]:
+        """Return names and constants by data class and field, the same in every worker.
+
+        What turns and crosses the joints takes a while to find out: one worker will do.
+        """
         model, elimination = self._model, self._poses.elimination
         forces, bodies, coordinates = model.forces, model.bodies, model.coordinates
         muscles, actuators = muscle_parameters(forces.muscles), actuator_parameters(forces.actuators)
@@ -196,6 +200,8 @@ class Extraction:
         }
         if self._virtual is not None:
             header["skeleton"]["virtual_rows"] = self._virtual.names
+        if with_axes and self._has_paths:
+            header["axes"] = joint_axes(model, elimination)
         if self._derivatives is not None:
             header["curvature"] = {"coordinates": self._derivatives.names}
         if self._reactions is not None:

@@ -86,7 +86,7 @@ def work(job: Job, folder: Path, part: int, parts: int, parent: TextIO) -> None:
         if time.perf_counter() - told > PROGRESS_INTERVAL or count == len(rows):
             told = time.perf_counter()
             tell(parent, frames=count)
-    header = extraction.header()
+    header = extraction.header(with_axes=part == 0)
     header["log"] |= {
         "frames": len(rows),
         "startup_seconds": ready - started,
