@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import pkgutil
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -348,8 +349,21 @@ SETTINGS = {setting.name: setting for setting in (
 )}  # fmt: skip
 
 
-def template() -> str:
-    """Write a TOML file with every setting; it can be read once the path of the setup file is filled in."""
+def template(values: Mapping[str, str] | None = None, reasons: Mapping[str, str] | None = None) -> str:
+    """Write a TOML file with every setting; it can be read once the path of the setup file is filled in.
+
+    Parameters
+    ----------
+    values : mapping of str to str, optional
+        Settings to fill in, as TOML.
+    reasons : mapping of str to str, optional
+        What to say of settings in this file, besides what they do.
+
+    Returns
+    -------
+    str
+    """
+    values, reasons = values or {}, reasons or {}
     lines = [
         "# Settings of scso; `scso run` takes this file. Paths are relative to its folder.",
         "# Lines that start with # are optional settings with an example value.",
@@ -357,9 +371,16 @@ def template() -> str:
     for (heading, _), settings in itertools.groupby(SETTINGS.values(), key=lambda setting: setting.group):
         lines += ["", f"# {heading} {'-' * (76 - len(heading))}"]
         for setting in settings:
-            sign = "" if setting.is_filled_in else "# "
+            name = setting.name
+            sign = "" if setting.is_filled_in or name in values else "# "
             choice = f"  # {setting.kind.expected}" if "|" in setting.kind.words else ""
-            lines += [f"# {setting.description}", f"{sign}{setting.name} = {setting.example}{choice}"]
+            lines += [f"# {setting.description}"]
+            lines += (
+                textwrap.wrap(f"{reasons[name]}.", 100, initial_indent="#   Here: ", subsequent_indent="#   ")
+                if name in reasons
+                else []
+            )
+            lines += [f"{sign}{name} = {values.get(name, setting.example)}{choice}"]
     return "\n".join(lines) + "\n"
 
 

@@ -5,10 +5,12 @@
 
 import re
 import shlex
+import shutil
 
 import pytest
 from conftest import PROJECT_ROOT
 from typer.main import get_command
+from typer.testing import CliRunner
 
 from scso_nlp.cli import app
 from scso_nlp.report.contents import RESULT_FILES
@@ -52,6 +54,38 @@ def test_every_command_and_option_exists():
     for word in seen:
         known = {option for parameter in commands[word[1]].params for option in parameter.opts}
         assert {option for option in word if option.startswith("--")} <= known
+
+
+#: What README's lines on the command line end in, with the first frames of a motion that its words fit.
+ENDS = {
+    "run": "results in ",
+    "init": "then scso run scso.toml",
+    "example": "spine-load-height",
+    "compare": "wrote ",
+    "report": "wrote ",
+    "reach": "static optimization keeps all rows from q = ",
+}
+
+
+@pytest.mark.opensim
+def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared_data, tmp_path, monkeypatch):
+    """Of six frames of OpenSim's gait10dof18musc; only the figures are left out."""
+    folder = tmp_path / "gait10dof18musc"
+    shutil.copytree(shared_data / "gait10dof18musc", folder)
+    setup = (folder / "setup_static_optimization.xml").read_text(encoding="utf-8")
+    (folder / "setup.xml").write_text(setup.replace("_time>1.7<", "_time>0.58<"), encoding="utf-8")
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("scso_nlp.report.results.FIGURES", {})
+    seen = []
+    for line in blocks("sh")[-1].splitlines():
+        _, command, *arguments = shlex.split(line.split("#")[0])
+        done = CliRunner().invoke(app, [command, *arguments], prog_name="scso")
+        assert done.exit_code == 0, (line, done.output)
+        assert ENDS[command] in done.output, (line, done.output)
+        seen.append(command)
+    assert set(seen) == set(ENDS)
+    for results in ("results_a", "results_b", "scso_results/setup", "scso_results/scso"):
+        assert (folder / results / "report.json").is_file()
 
 
 def rows():

@@ -91,7 +91,10 @@ class JointStability(StabilityConstraint):
 
     def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say which rows are left out, and which paths are taken as they are not."""
-        paths = self.stability_rows(motion.frames(0, 1)).notes
-        skeleton = motion.trajectory.skeleton
-        omitted = "" if skeleton is None else left_out(skeleton, self.joints, self.axes)
+        paths, omitted = self.stability_rows(motion.frames(0, 1)).notes, self.left_out(motion)
         return (f"no stability rows where {omitted}", *paths) if omitted else paths
+
+    def left_out(self, motion: Motion) -> str:
+        """Say which rows are left out, and why; empty where none is."""
+        skeleton = motion.trajectory.skeleton
+        return "" if skeleton is None else left_out(skeleton, self.joints, self.axes)
