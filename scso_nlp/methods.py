@@ -75,7 +75,7 @@ def stability_constrained_static_optimization(
     ----------
     motion : Motion
     stability : JointStability, optional
-        The paper's q = 5 and level 0 about all axes of all joints by default.
+        The paper's q = 5 and level 0 by default, about all axes that muscles can make stable.
     muscle_model : MuscleModel, optional
         ``RigidTendon(convention="opensim")`` by default.
     exponent : float [-]
