@@ -61,15 +61,15 @@ ENDS = {
     "run": "results in ",
     "init": "then scso run scso.toml",
     "example": "spine-load-height",
-    "compare": "wrote ",
-    "report": "wrote ",
+    "compare": "From 5 of 5 frames.",
+    "report": "1 result, ",
     "reach": "static optimization keeps all rows from q = ",
 }
 
 
 @pytest.mark.opensim
 def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared_data, tmp_path, monkeypatch):
-    """Of six frames of OpenSim's gait10dof18musc; only the figures are left out."""
+    """Of the first frames of OpenSim's gait10dof18musc; only the figures are left out."""
     folder = tmp_path / "gait10dof18musc"
     shutil.copytree(shared_data / "gait10dof18musc", folder)
     setup = (folder / "setup_static_optimization.xml").read_text(encoding="utf-8")

@@ -64,6 +64,11 @@ def feasible_q(problem: MuscleForceProblem) -> FloatArray:
     References
     ----------
     Crouzeix and Ferland (1991), Math Program 52:191-207: the algorithm of Dinkelbach type, for rows.
+
+    Examples
+    --------
+    >>> bool((scso.feasible_q(problem) <= scso.critical_q(problem) + 1e-6).all())
+    True
     """
     if not problem.stability_terms:
         raise ProblemError("the problem has no stability constraint whose least feasible q could be found")
