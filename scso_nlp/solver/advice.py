@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.moment_equilibrium import MomentEquilibrium
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.exceptions import ProblemError
+from scso_nlp.exceptions import DataError, ProblemError
 from scso_nlp.muscle_models.stiffness_law import PUBLISHED_GAINS, ProportionalStiffness
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution, Status
 from scso_nlp.solver.feasible_gain import feasible_q
+from scso_nlp.stability.rows import select_rows
+from scso_nlp.trajectory import Skeleton
 from scso_nlp.validation import FloatArray, shown_names
 
 #: At most so many failed frames, the worst first, are asked for what they would need.
@@ -68,6 +71,9 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
     if not hard:
         return _more_strength(solution, asked)
     others = tuple(t for t in problem.constraints if not isinstance(t, StabilityConstraint))
+    turned = _about_turned_axes(hard, problem.motion.trajectory.skeleton)
+    fewer = () if turned == hard else (_fewer_axes(turned),)
+    hard = turned
     only_hard = replace(problem.frames(asked), constraints=(*others, *hard), observed=())
     laws = [law for term in hard if isinstance(law := term.stiffness_law, ProportionalStiffness)]
     try:
@@ -78,7 +84,8 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
     beyond = [k for k, q in zip(asked, gain, strict=True) if math.isnan(q)]
     return (
         *_more_strength(solution, beyond),
-        *_more_stiffness(gain, len(failed)),
+        *fewer,
+        *_more_stiffness(gain, len(failed), "with these axes, " if fewer else ""),
         *(_lower_level(only_hard, hard, laws) if np.isfinite(gain).any() else ()),
         _price(),
     )
@@ -119,7 +126,35 @@ def _more_strength(solution: Solution, frames: Sequence[int]) -> tuple[NextStep,
     )
 
 
-def _more_stiffness(gain: FloatArray, n_failed: int) -> tuple[NextStep, ...]:
+def _about_turned_axes(
+    hard: tuple[StabilityConstraint, ...], skeleton: Skeleton | None
+) -> tuple[StabilityConstraint, ...]:
+    """Leave out axes that were named, but that muscles cannot make stable, where this leaves some."""
+
+    def turned(term: StabilityConstraint) -> StabilityConstraint:
+        is_by_row = isinstance(term.level, Mapping) or term.passive_stiffness
+        if not isinstance(term, JointStability) or term.axes is None or skeleton is None or is_by_row:
+            return term
+        try:
+            rows = select_rows(skeleton, term.joints, None)[0]
+        # a joint that is named has no such axis
+        except DataError:
+            return term
+        axes = tuple(axis for axis in term.axes if any(row.endswith(f"_{axis}") for row in rows))
+        return replace(term, axes=axes) if axes else term
+
+    return tuple(turned(term) for term in hard)
+
+
+def _fewer_axes(terms: Sequence[StabilityConstraint]) -> NextStep:
+    axes = dict.fromkeys(
+        axis for term in terms if isinstance(term, JointStability) for axis in term.axes or ()
+    )
+    effect = "no free coordinate turns the other axes, so that muscles cannot be asked to keep them stable"
+    return NextStep(setting="axes", value=",".join(axes), effect=effect)
+
+
+def _more_stiffness(gain: FloatArray, n_failed: int, condition: str) -> tuple[NextStep, ...]:
     known = gain[np.isfinite(gain)]
     if not known.size:
         return ()
@@ -127,9 +162,9 @@ def _more_stiffness(gain: FloatArray, n_failed: int) -> tuple[NextStep, ...]:
     whole = (
         "the failed frames" if n_failed == gain.size else f"the {gain.size} worst of {n_failed} failed frames"
     )
-    effect = f"at q = {least:.4g} and above {whole} have an answer"
+    effect = f"{condition}at q = {least:.4g} and above {whole} have an answer"
     if known.size < gain.size:
-        effect = f"at q = {least:.4g} and above {known.size} of {whole} have an answer"
+        effect = f"{condition}at q = {least:.4g} and above {known.size} of {whole} have an answer"
     if least > PUBLISHED_GAINS[1]:
         effect += "; published gains are {:g} to {:g}".format(*PUBLISHED_GAINS)
     return (NextStep(setting="q", value=f"{rounded_up(least):g}", effect=effect),)

@@ -47,6 +47,23 @@ def test_a_gain_beyond_the_published_ones_is_said_to_be_so():
     )
 
 
+def test_axes_that_nothing_turns_are_named_first_and_gains_are_those_without_them():
+    """About z the gain is that of above; about x no gain would do, as no muscle pulls there."""
+    problem = two_antagonists(5.0, q=1.5)
+    trajectory = problem.motion.trajectory
+    unturned = "no free coordinate turns it"
+    skeleton = dataclasses.replace(trajectory.skeleton, joint_obstacles=(unturned, unturned, ""))
+    motion = dataclasses.replace(
+        problem.motion, trajectory=dataclasses.replace(trajectory, skeleton=skeleton)
+    )
+    named = with_rows(dataclasses.replace(problem, motion=motion), axes=("x", "z"))
+    found = steps(named)
+    assert [*found] == ["axes", "q", "soft"]
+    assert found["axes"].value == "z"
+    assert found["q"].effect == "with these axes, at q = 1.615 and above the failed frames have an answer"
+    assert scso.solve_trajectory(with_rows(named, axes=("z",), q=1.7)).is_solved.all()
+
+
 def test_level_zero_is_named_where_it_would_do():
     problem = two_antagonists(5.0, level=175.0)
     assert steps(problem)["level"].effect == "at level 0 they have an answer"
