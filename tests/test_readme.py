@@ -62,6 +62,7 @@ ENDS = {
     "init": "then scso run scso.toml",
     "example": "spine-load-height",
     "compare": "From 5 of 5 frames.",
+    "plot": "85 mm wide",
     "report": "1 result, ",
     "reach": "static optimization keeps all rows from q = ",
 }
