@@ -70,6 +70,7 @@ LAYERS = (
     "settings",
     "run",
     "overview",
+    "first_settings",
     "cli",
     "__main__",
 )

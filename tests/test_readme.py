@@ -60,6 +60,8 @@ def test_every_command_and_option_exists():
 ENDS = {
     "run": "results in ",
     "init": "then scso run scso.toml",
+    "info": "knee_r",
+    "doctor": "knee_r",
     "example": "spine-load-height",
     "compare": "From 5 of 5 frames.",
     "plot": "85 mm wide",
