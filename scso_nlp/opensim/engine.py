@@ -43,7 +43,9 @@ from scso_nlp.versions import version_of
 logger = logging.getLogger("scso_nlp")
 
 #: What decides what the arrays are, given input and versions: a file and a package.
-PREPARATION, WORKER = (Path(__file__).with_name(name) for name in ("preparation.py", "worker"))
+PREPARATION, DESCRIPTION, WORKER = (
+    Path(__file__).with_name(name) for name in ("preparation.py", "description.py", "worker")
+)
 #: Settings that tell the unit of a file against its header.
 TOLD_UNITS = ("in_degrees", "speeds_in_degrees")
 
@@ -322,7 +324,7 @@ def _key(provenance: Provenance) -> str:
 def _worker_digest() -> str:
     """Hash every file that decides, in order, names included."""
     digest = hashlib.sha256()
-    for path in (PREPARATION, *sorted(WORKER.glob("*.py"))):
+    for path in (PREPARATION, DESCRIPTION, *sorted(WORKER.glob("*.py"))):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()
 

@@ -117,6 +117,7 @@ def examples(tmp_path_factory):
         "build_program": {"problem": stable},
         "observe": {"solution": solution, "constraints": (scso.JointStability(label="again"),)},
         "critical_q": {"problem": two_antagonists(5.0)},
+        "feasible_q": {"problem": two_antagonists(5.0)},
         "reachable_stability": {"problem": two_antagonists(5.0)},
         "equivalent_q": {"solution": solution},
         "row_contributions": {"solution": solution},
