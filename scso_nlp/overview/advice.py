@@ -145,7 +145,8 @@ def _on_power(found: Diagnosis, source: str) -> list[str]:
     for term in found.constraints:
         if isinstance(term, JointStability):
             joints = f" --joints {','.join(term.joints)}" if term.joints else ""
-            options = f"--stability potvin-brown{joints} --axes {','.join(term.axes)}"
+            axes = f" --axes {','.join(term.axes)}" if term.axes else ""
+            options = f"--stability potvin-brown{joints}{axes}"
             advice.append(f"to solve with them: scso run {source} {options}{' --soft 1' if out else ''}")
     return advice
 
