@@ -285,7 +285,7 @@ def frame_arrays(problem, k):
     g, h = np.zeros((0, a.shape[1])), np.zeros(0)
     for term in stability:
         stiffness, work = stability_by_hand(problem, term.stiffness_law.q)
-        keep = ["xyz".index(axis) for axis in term.axes]
+        keep = ["xyz".index(axis) for axis in term.axes or "xyz"]
         g = np.zeros((len(keep), a.shape[1]))
         g[:, : muscles.n_muscles] = stiffness[k, keep] * capacity
         level = term.level
