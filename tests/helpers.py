@@ -289,7 +289,7 @@ def frame_arrays(problem, k):
         g = np.zeros((len(keep), a.shape[1]))
         g[:, : muscles.n_muscles] = stiffness[k, keep] * capacity
         level = term.level
-        wanted = [level[f"elbow_{u}"] if isinstance(level, dict) else level for u in term.axes]
+        wanted = [level[f"elbow_{u}"] if isinstance(level, dict) else level for u in term.axes or "xyz"]
         h = work[k, keep] + wanted
     lower = np.concatenate([muscles.min_activation, actuators.min_control])
     upper = np.concatenate([muscles.max_activation, actuators.max_control])
