@@ -83,7 +83,8 @@ def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared
     for line in blocks("sh")[-1].splitlines():
         _, command, *arguments = shlex.split(line.split("#")[0])
         done = CliRunner().invoke(app, [command, *arguments], prog_name="scso")
-        assert done.exit_code == 0, (line, done.output)
+        # the doctor finds residuals that no muscle carries: its exit code is advice
+        assert done.exit_code in ((0, 1) if command == "doctor" else (0,)), (line, done.output)
         assert ENDS[command] in done.output, (line, done.output)
         seen.append(command)
     assert set(seen) == set(ENDS)
