@@ -27,6 +27,7 @@ WIDTH = 120
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ModelInfo:
     """What a model holds, and what a setup brings beside it.
 

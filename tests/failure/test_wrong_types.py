@@ -11,9 +11,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from helpers import elbow, random_problem, two_antagonists, with_motion
+from helpers import elbow, random_problem, two_antagonists, with_joint_reactions, with_motion
 
 import scso_nlp as scso
+from scso_nlp.opensim.description import ModelDescription
 
 #: What may be given instead of anything else.
 WRONG = {
@@ -67,6 +68,8 @@ def examples(tmp_path_factory):
         hessian, constraints=(scso.MomentEquilibrium(), scso.HessianStability(level=-1e6))
     )
     whole = scso.solve_framewise(full, on_failure="return")
+    loaded = scso.solve_framewise(with_joint_reactions(stable, rng), on_failure="return")
+    reactions = loaded.problem.motion.trajectory.joint_reactions
     scso.save_bundle(folder / "motion.npz", stable.motion)
     motion = stable.motion
     curvature = hessian.motion.trajectory.curvature
@@ -95,7 +98,7 @@ def examples(tmp_path_factory):
         scso.MatrixRows(
             weights=ca.SX(1), matrices=np.ones((1, 1, 1)), constant=np.zeros((1, 1)), lower=0.0, names=("a",)
         ), scso.Frame(**frame, muscle=state),
-        scso.VariableSpec(name="a", labels=("a",)),
+        scso.VariableSpec(name="a", labels=("a",)), reactions, loaded.joint_reactions(), _nothing_held(),
     ]  # fmt: skip
     found = {
         type(each).__name__: {f.name: getattr(each, f.name) for f in dataclasses.fields(each)}
@@ -126,10 +129,23 @@ def examples(tmp_path_factory):
         "plot_activations": plot,
         "plot_moments": plot,
         "plot_stability": plot,
+        "plot_joint_reactions": {"solution": loaded},
         "plot_contributions": {"contributions": scso.row_contributions(solution)},
         "plot_tendon_forces": {"solutions": {"one": solution}},
         "tendon_force_difference": {"solution": solution, "reference": solution},
     }
+
+
+def _nothing_held():
+    """What is known of a model without anything in it."""
+    nothing = {
+        name: {} for name in ("body_parents", "body_masses", "constraints", "other_forces")
+    } | dict.fromkeys(
+        ("bodies", "joints", "coordinates", "muscles", "actuators", "switched_off", "outside"), ()
+    )
+    arrays = {"gravity": np.zeros(3), "moment_arms": np.zeros((0, 0)), "actuator_forces": np.zeros((0, 0))}
+    empty = ModelDescription(name="empty", **nothing, **arrays)
+    return scso.ModelInfo(source=Path("a.osim"), model=Path("a.osim"), description=empty)
 
 
 def _with_curvature(problem, rng):
