@@ -336,12 +336,14 @@ def test_a_closed_loop_gives_the_change_of_its_reduced_moment_arms(tiny: Tiny) -
 def test_along_hinges_straight_paths_are_as_potvin_and_brown_have_them(example: str) -> None:
     motion = load_motion(example_folder(example) / "setup.xml", curvature_coordinates="all")
     problem = static_optimization(motion)
-    by_axis = JointStability().stability_rows(problem.motion)
+    skeleton = motion.trajectory.skeleton
+    assert skeleton is not None
+    by_axis = JointStability(joints=skeleton.joints, axes=("x", "y", "z")).stability_rows(problem.motion)
     by_coordinate = CoordinateStability().stability_rows(problem.motion)
     axis_of = {"flexion": "z", "abduction_right": "x", "twist_left": "y"}
     rows = []
     for name in by_coordinate.rows:
-        joint = next(j for j in motion.trajectory.skeleton.joints if name.startswith(j))  # type: ignore[union-attr]
+        joint = next(j for j in skeleton.joints if name.startswith(j))
         letter = axis_of.get(name.removeprefix(joint).strip("_"), "z")
         rows.append(by_axis.rows.index(f"{joint}_{letter}"))
     scale = np.abs(by_axis.curvature).max()

@@ -690,7 +690,7 @@ def test_without_muscle_paths_all_else_is_the_same(tiny: Tiny) -> None:
     assert rest.trajectory.skeleton.path_points.shape[2] == 0
     paths = {
         name: getattr(rest.trajectory.skeleton, name)
-        for name in ("path_points", "path_point_bodies", "path_point_moves")
+        for name in ("path_points", "path_point_bodies", "path_point_moves", "joint_obstacles")
     }
     skeleton = dataclasses.replace(whole.trajectory.skeleton, **paths)
     trajectory = dataclasses.replace(whole.trajectory, skeleton=skeleton)
