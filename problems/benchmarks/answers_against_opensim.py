@@ -193,7 +193,7 @@ def ask_scso(setup: Path, folder: Path, unfiltered: bool) -> tuple[Storage, Floa
     RuntimeError
         There are none.
     """
-    command = [sys.executable, "-m", "scso_nlp.cli", "run", str(setup), "--no-figures", "--keep-failed"]
+    command = [sys.executable, "-m", "scso_nlp", "run", str(setup), "--no-figures", "--keep-failed"]
     command += ["--cache", str(folder / "cache"), "--output", str(folder / "ours")]
     command += ["--lowpass-cutoff-frequency", "-1"] if unfiltered else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)

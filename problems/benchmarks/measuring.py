@@ -227,7 +227,7 @@ def _memory(name: str) -> float:
 
 def _whole_runs(case: Case, setup: Path, scratch: Path) -> Iterator[Measurement]:
     """Run the command as a user does, without figures: for one frame, which is start-up, and for all."""
-    command = [sys.executable, "-m", "scso_nlp.cli", "run", str(setup), "--no-figures"]
+    command = [sys.executable, "-m", "scso_nlp", "run", str(setup), "--no-figures"]
     begin = case.changes.get("initial_time", ElementTree.parse(setup).findtext(".//initial_time"))
     one = ["--initial-time", str(begin), "--final-time", str(begin)]
     for kind in case.powers:

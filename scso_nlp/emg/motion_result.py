@@ -107,6 +107,11 @@ class MotionResult:
         """
         if self.without_stability is None:
             raise DataError(f"{self.label!r} has no static optimization beside it")
+        told, problem = self.report.get("without_stability"), self.report.get("problem")
+        # the rows are what it is without
+        about_rows = ("constraints", "in_short")
+        if isinstance(problem, Mapping):
+            problem = {key: value for key, value in problem.items() if key not in about_rows}
         return MotionResult(
             label="static optimization",
             name=self.name,
@@ -114,7 +119,7 @@ class MotionResult:
             muscles=self.muscles,
             activation=self.without_stability,
             is_solved=np.asarray(np.isfinite(self.without_stability).all(axis=1)),
-            report=told if isinstance(told := self.report.get("without_stability"), Mapping) else {},
+            report={**(told if isinstance(told, Mapping) else {}), "problem": problem},
         )
 
     @property

@@ -14,13 +14,13 @@ from scso_nlp.emg.motion_result import MotionResult, only_file, read_results
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import FEW_FRAMES
 from scso_nlp.figures.moments import folded
-from scso_nlp.figures.quantity import QUANTITIES
 from scso_nlp.figures.series import Series, most_telling
 from scso_nlp.figures.sides import Sided
 from scso_nlp.figures.style import MARK, REQUIRED, RESULT, SeriesStyle, series_style
 from scso_nlp.io.storage import Storage, read_storage
 from scso_nlp.report.contents import MOMENT_PARTS
 from scso_nlp.report.folder import REPORT, names_in
+from scso_nlp.report.story import with_static_optimization
 from scso_nlp.validation import FloatArray
 
 #: What is in which file, beside the activations.
@@ -63,15 +63,16 @@ def read_series(
     paths : sequence of path
         Result folders, or folders that hold some.
     quantity : str
-        One of :data:`~scso_nlp.figures.quantity.QUANTITIES`.
+        ``"activation"``, ``"force"``, ``"stability"``, ``"reaction"`` or ``"moment"``.
     labels : sequence of str, optional
         One per result; otherwise the shortest ends of their paths that differ.
 
     Returns
     -------
     tuple of Series
-        One per result; of moments the required ones of the first result, those of each one's muscles, and
-        those of its reserves where it is the only result.
+        One per result; a single one of a run with stability rows comes after the activations of the static
+        optimization that it began with. Of moments the required ones of the first result, those of each
+        one's muscles, and those of its reserves where it is the only result.
 
     Raises
     ------
@@ -80,14 +81,17 @@ def read_series(
     FileFormatError
         Files that cannot be read, or that do not belong together.
     """
-    if quantity not in QUANTITIES:
-        raise DataError(f"the quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}")
+    read = {"force": _force, "stability": _stability, "reaction": _reaction}
+    known = ("activation", *read, "moment")
+    if quantity not in known:
+        raise DataError(f"the quantity is {quantity!r}, expected one of {', '.join(known)}")
     folders = result_folders(paths)
     results = read_results(folders, labels)
+    if quantity == "activation":
+        return tuple(map(_activation, with_static_optimization(results)))
     pairs = list(zip(folders, results, strict=True))
     if quantity == "moment":
         return _moments(pairs)
-    read = {"activation": _activation, "force": _force, "stability": _stability, "reaction": _reaction}
     return tuple(read[quantity](folder, result) for folder, result in pairs)
 
 
@@ -117,7 +121,7 @@ def telling_panels(quantity: str, series: Sequence[Series]) -> tuple[tuple[Sided
     return most_telling(series), ()
 
 
-def _activation(_: Path, result: MotionResult) -> Series:
+def _activation(result: MotionResult) -> Series:
     highest = result.report["problem"].get("max_activation")
     return _series(
         result, result.muscles, result.activation, "-", highest=None if highest is None else np.array(highest)

@@ -32,7 +32,7 @@ def scso(*arguments, cwd):
 
 
 def from_outside(*arguments, cwd):
-    command = [sys.executable, "-m", "scso_nlp.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "scso_nlp", *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
 

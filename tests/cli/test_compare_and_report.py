@@ -130,7 +130,7 @@ def test_what_cannot_be_used_ends_with_code_2_and_one_sentence(runs, arguments, 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs pipes as POSIX has them")
 def test_a_reader_that_closes_the_pipe_is_no_bug_and_the_files_are_written(runs):
-    command = [sys.executable, "-m", "scso_nlp.cli", "compare", "so", "scso", "--output", "out"]
+    command = [sys.executable, "-m", "scso_nlp", "compare", "so", "scso", "--output", "out"]
     reader, writer = os.pipe()
     os.close(reader)
     try:

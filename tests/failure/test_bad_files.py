@@ -396,7 +396,7 @@ def test_a_full_disk_for_temporary_files(folder, monkeypatch):
 def test_output_to_a_full_disk(tmp_path, arguments):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "scso_nlp.cli", *arguments],
+            [sys.executable, "-m", "scso_nlp", *arguments],
             stdout=full, stderr=subprocess.PIPE, text=True, cwd=tmp_path, check=False,
         )  # fmt: skip
     assert done.returncode == BAD_INPUT

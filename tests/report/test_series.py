@@ -41,6 +41,23 @@ def test_activations_forces_and_stability_come_back(tmp_path, solution):
     np.testing.assert_array_equal(stability.level, [10.0, 10.0])
 
 
+def test_activations_of_a_single_result_come_after_those_without_stability(tmp_path, solution):
+    before = solution_by_hand(21, n_pairs=2, stability=False)
+    write(solution, tmp_path / "run", keep_failed=True, baseline=before)
+    first, second = read_series([tmp_path / "run"], "activation")
+    assert (first.label, second.label) == ("static optimization", "run")
+    np.testing.assert_array_equal(first.values, before.activation)
+    np.testing.assert_array_equal(second.values, blank(solution.activation))
+    write(before, tmp_path / "other")
+    labels = [each.label for each in read_series([tmp_path / "other", tmp_path / "run"], "activation")]
+    assert labels == ["other", "run"]
+
+
+def test_what_is_no_quantity_of_a_result_is_refused(tmp_path, solution):
+    with pytest.raises(DataError, match="the quantity is 'shortfall', expected one of activation, force"):
+        read_series([tmp_path / "run"], "shortfall")
+
+
 def test_moments_of_one_result_are_its_parts_and_of_several_what_muscles_give(tmp_path, solution):
     balance = solution.moment_balance
     required, muscles, reserves = read_series([tmp_path / "run"], "moment")

@@ -1,5 +1,0 @@
-"""Run the command line with ``python -m scso_nlp.cli``."""
-
-from scso_nlp.cli import app
-
-app(prog_name="scso")
