@@ -22,7 +22,7 @@ from scso_nlp.cli.compare import (
 from scso_nlp.cli.exit_codes import exit_codes
 
 #: Figures of a result folder that the page shows, beside those of the comparison.
-_PICTURES = ("moments", "stability")
+_PICTURES = ("moments", "stability", "joint_reactions")
 
 
 def report(

@@ -9,6 +9,7 @@ from scso_nlp.arguments import checked
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
 from scso_nlp.figures.quantity import plot_quantity
 from scso_nlp.figures.series import Series
+from scso_nlp.figures.solution import role_labels
 from scso_nlp.figures.style import BASELINE, RESULT, TWO_COLUMNS, SeriesStyle
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import require_same_motion
@@ -58,10 +59,11 @@ def plot_joint_reactions(
     >>> figure = scso.plot_joint_reactions(carried)
     """
     trajectory = solution.problem.motion.trajectory
-    both = [_series(solution, "solution", RESULT)]
+    label, other = role_labels(solution, baseline)
+    both = [_series(solution, label, RESULT)]
     if baseline is not None:
         require_same_motion({"solution": trajectory, "baseline": baseline.problem.motion.trajectory})
-        both.insert(0, _series(baseline, "baseline", BASELINE))
+        both.insert(0, _series(baseline, other, BASELINE))
     return plot_quantity(
         both, quantity="reaction", names=joints, width=width, heading=f"{trajectory.name}: joint reactions",
         horizontal=horizontal,

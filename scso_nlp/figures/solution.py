@@ -233,7 +233,7 @@ def plot_stability(
     own = solution.stability
     if own is None:
         raise DataError(f"the solution of {name!r} has no stability rows, expected a stability constraint")
-    label, baseline_label = _labels(solution, baseline)
+    label, baseline_label = role_labels(solution, baseline)
     series = [_stability(solution, label, RESULT)]
     if baseline is not None:
         _require_same(solution, baseline)
@@ -298,7 +298,7 @@ def _of_muscles(
 
 
 def _both(solution: Solution, baseline: Solution | None, quantity: str) -> list[Series]:
-    label, baseline_label = _labels(solution, baseline)
+    label, baseline_label = role_labels(solution, baseline)
     found = [series_of(solution, quantity, label)]
     if baseline is not None:
         _require_same(solution, baseline)
@@ -341,8 +341,18 @@ def _require_same(solution: Solution, baseline: Solution) -> None:
     require_same_motion({label: run.problem.motion.trajectory for label, run in runs.items()})
 
 
-def _labels(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
-    """Name both: by the stability rows that only one of them has, otherwise by their roles."""
+def role_labels(solution: Solution, baseline: Solution | None) -> tuple[str, str]:
+    """Name both: by the stability rows that only one of them has, otherwise by their roles.
+
+    Parameters
+    ----------
+    solution : Solution
+    baseline : Solution or None
+
+    Returns
+    -------
+    of the solution, of the baseline : str
+    """
     own, other = (
         run is not None and any(term in run.problem.stability_terms for term in run.problem.constraints)
         for run in (solution, baseline)

@@ -20,6 +20,8 @@ from scso_nlp.verdict import RESERVE_LIMIT, RESIDUAL_LIMITS, ROUNDING
 
 #: Muscles in the table of the largest changes.
 MOST_CHANGES = 12
+#: A smaller difference in activation is none [-].
+LEAST_CHANGE = 5e-4
 #: Metrics whose mean over all groups with EMG stands at the top.
 _HEADLINES = ("mean absolute difference", "Pearson r")
 
@@ -206,7 +208,7 @@ def largest_changes(comparison: Comparison) -> tuple[Change, ...]:
             time=float(time[frame[m]]),
         )
         for m in order
-        if largest[m] != 0
+        if abs(largest[m]) >= LEAST_CHANGE
     )
 
 
