@@ -8,9 +8,11 @@ import numpy as np
 
 from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.declared_settings import SETTINGS
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness
 from scso_nlp.overview.diagnosis import Diagnosis
 from scso_nlp.overview.table import Table
+from scso_nlp.solver.advice import next_steps
 from scso_nlp.trajectory import time_text
 from scso_nlp.validation import FloatArray, shown_names
 from scso_nlp.verdict import RESERVE_LIMIT, RESIDUAL_LIMITS
@@ -131,23 +133,21 @@ def _on_power(found: Diagnosis, source: str) -> list[str]:
             max(int(row.is_out_of_reach.sum()) for row in out),
             shown_names([row.row for row in out]),
         )
-        stiffer = f", or take stiffer muscles (--q {enough} is always enough)" if enough else ""
-        advice.append(
-            f"{names} cannot be kept in up to {most} frames: let levels be missed at a price (--soft 1)"
-            f"{stiffer}"
-        )
+        advice.append(f"{names} cannot be kept in up to {most} frames, whatever the activations")
     elif kept < n and enough:
         advice.append(f"from q = {enough} on no frame would change any more (--q {enough})")
     if found.solution is not None and (solved := int(found.solution.is_solved.sum())) < n:
-        advice.append(
-            f"all rows together are kept in {solved} of {n} frames; --soft 1 answers in all of them"
-        )
+        advice.append(f"all rows together are kept in {solved} of {n} frames")
+        advice += [
+            f"{SETTINGS[step.setting].spelling} {step.value}: {step.effect}"
+            for step in next_steps(found.solution)
+        ]
     for term in found.constraints:
         if isinstance(term, JointStability):
             joints = f" --joints {','.join(term.joints)}" if term.joints else ""
             axes = f" --axes {','.join(term.axes)}" if term.axes else ""
             options = f"--stability potvin-brown{joints}{axes}"
-            advice.append(f"to solve with them: scso run {source} {options}{' --soft 1' if out else ''}")
+            advice.append(f"to solve with them: scso run {source} {options}")
     return advice
 
 

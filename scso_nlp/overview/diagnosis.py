@@ -139,7 +139,7 @@ def diagnosis_of(
 
 
 def stable_terms(model: ModelDescription) -> tuple[JointStability, ...]:
-    """Return the constraints that hold all rows that muscles can keep: one for joints with the same axes.
+    """Return the constraint that holds all rows that muscles can keep.
 
     Parameters
     ----------
@@ -148,17 +148,9 @@ def stable_terms(model: ModelDescription) -> tuple[JointStability, ...]:
     Returns
     -------
     tuple of JointStability
-        None if no row can be kept.
+        Empty if no row can be kept.
     """
-    by_axes: dict[tuple[str, ...], list[str]] = {}
-    for joint in model.joints:
-        axes = tuple(axis.axis for axis in joint.axes if axis.can_be_stable)
-        if axes:
-            by_axes.setdefault(axes, []).append(joint.name)
-    return tuple(
-        JointStability(joints=joints, axes=axes, label="" if len(by_axes) == 1 else f"axes {','.join(axes)}")
-        for axes, joints in by_axes.items()
-    )
+    return (JointStability(),) if any(axis.can_be_stable for axis in model.axes) else ()
 
 
 def _rows(
