@@ -71,6 +71,7 @@ LAYERS = (
     "run",
     "overview",
     "first_settings",
+    "studies",
     "cli",
     "__main__",
 )
