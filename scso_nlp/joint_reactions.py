@@ -201,7 +201,7 @@ class JointReactionMap:
         names = ("constant", "per_tendon_force", "per_control")
         parts = (part[:, :, :3] for part in self.seen(on, frame))
         return {
-            name: part.reshape(len(part), -1, *part.shape[3:])
+            name: part.reshape(len(part), 3 * len(self.joints), *part.shape[3:])
             for name, part in zip(names, parts, strict=True)
         }
 
@@ -267,17 +267,19 @@ class JointReactionMap:
         )
 
 
-def required(found: JointReactionMap | None) -> JointReactionMap:
-    """Return the reactions of a motion that must have them.
+def required(found: JointReactionMap | None, joints: Sequence[str] | None = None) -> JointReactionMap:
+    """Return the reactions of a motion that must have them, of some joints by name or pattern.
 
     Raises
     ------
     ProblemError
         It has none.
+    NameMismatchError
+        A name or pattern that fits none.
     """
     if found is None:
         raise ProblemError(
             "the motion was read without joint reactions; read it again with joint_reactions='all' or the "
             "names of joints (on the command line --joint-reactions)"
         )
-    return found
+    return found.of_joints(joints)

@@ -73,6 +73,22 @@ def test_what_does_not_fit_is_refused(problem, reactions, forces):
         dataclasses.replace(problem.motion.trajectory, joint_reactions=fewer)
 
 
+def test_a_model_without_actuators_has_reactions_too(rng):
+    limit = scso.JointReactionLimit(largest="9BW")
+    problem = with_joint_reactions(random_problem(rng), rng)
+    assert problem.motion.trajectory.joint_reactions.forces("child", "ground")["per_control"].shape == (
+        3,
+        6,
+        0,
+    )
+    held = dataclasses.replace(
+        problem,
+        objectives=(*problem.objectives, scso.JointReactionEffort()),
+        constraints=(*problem.constraints, limit),
+    )
+    assert scso.solve_trajectory(held).is_solved.all()
+
+
 def test_a_solution_without_them_says_how_to_get_them(rng):
     solution = scso.solve_framewise(random_problem(rng))
     with pytest.raises(scso.ProblemError, match=r"read it again with joint_reactions='all'"):

@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.arguments import checked
-from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.constraints.joint_reaction_constraint import ROUNDED, JointReactionConstraint, length
 from scso_nlp.exceptions import ProblemError
-from scso_nlp.frame import Frame, Rows
-from scso_nlp.joint_reactions import JointReactionMap, required
-from scso_nlp.motion import Motion
-from scso_nlp.needs import MotionNeeds
-from scso_nlp.validation import FloatArray, by_name, chosen_names
+from scso_nlp.joint_reactions import COMPONENTS
+from scso_nlp.text import shown
+from scso_nlp.validation import by_name
 
-#: A meaningful difference of joint forces [N].
-FORCE_SCALE = 10.0
-#: The length of a force is rounded off within so much of zero, so that it has derivatives there [N].
-ROUNDED = 1.0
-
-
-def length(force: ca.SX) -> ca.SX:
-    r"""Length of a force, :math:`\sqrt{|f|^2 + \epsilon^2}` with :math:`\epsilon` of 1 N: convex and smooth.
-
-    Parameters
-    ----------
-    force : ca.SX, shape (n, 1) [N]
-
-    Returns
-    -------
-    ca.SX [N]
-        Never less than the length; more by 0.5 N at 1 N and by 0.0005 N at 1000 N.
-    """
-    return ca.sqrt(ca.sumsqr(force) + ROUNDED**2)
+#: A limit in body weights.
+_MULTIPLE = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*BW\s*")
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class JointReactionLimit(FrameConstraint):
+class JointReactionLimit(JointReactionConstraint):
     r"""Forces that joints carry are at most so large.   depends on: one frame.
 
     .. math:: \text{largest}_j - |f_j| \ge 0, \quad \text{components}_i \mp f_i \ge 0
@@ -52,10 +32,10 @@ class JointReactionLimit(FrameConstraint):
 
     Attributes
     ----------
-    largest : float, mapping of str to float, or None [N]
+    largest : float, text such as "3BW", mapping of str to these, or None [N]
         Of the length of each joint's force, for all joints or by name or pattern; joints not named have
-        none. Multiples of body weight: times ``motion.trajectory.joint_reactions.body_weight``.
-    components : mapping of str to float, or None [N]
+        none. Text is a multiple of the model's weight.
+    components : mapping of str to float or text, or None [N]
         Largest magnitude by ``"<joint>_<fx|fy|fz>"`` or pattern.
     joints : sequence of str or None
         Names or patterns; None for all joints that the motion was read with.
@@ -70,78 +50,64 @@ class JointReactionLimit(FrameConstraint):
     Raises
     ------
     ProblemError
-        A limit that is not above 1 N, a price that is not positive; no limit at all; a motion read without
-        joint reactions.
+        A limit that is not above 1 N or 0 body weights, a price that is not positive; no limit at all; a
+        motion read without joint reactions.
     NameMismatchError
         An unknown joint or component.
 
     Examples
     --------
-    >>> limit = scso.JointReactionLimit(largest={"knee_*": 2500.0}, components={"knee_r_fx": 400.0})
+    >>> limit = scso.JointReactionLimit(largest={"knee_*": "3BW"}, components={"knee_r_fx": 400.0})
     >>> limit.needs.joint_reactions
     ('all',)
     """
 
-    largest: float | Mapping[str, float] | None = None
-    components: Mapping[str, float] | None = None
-    joints: Sequence[str] | None = None
-    on: Literal["child", "parent"] = "child"
-    frame: Literal["ground", "child", "parent"] = "child"
-    soft: float | None = None
-    label: str = ""
+    largest: float | str | Mapping[str, float | str] | None = None
+    components: Mapping[str, float | str] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", chosen_names("joint", self.joints))
+        super().__post_init__()
         if self.largest is None and not self.components:
             raise ProblemError("no limit is given, expected largest or components")
         largest = self.largest if isinstance(self.largest, Mapping) else {"all joints": self.largest}
         for name, limit in {**largest, **(self.components or {})}.items():
-            if limit is not None and not (math.isfinite(limit) and limit > ROUNDED):
-                raise ProblemError(f"the limit of {name!r} is {limit:g} N, expected more than {ROUNDED:g} N")
-        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N, or no price")
+            if limit is not None:
+                _in_newtons(name, limit)
 
-    @property
-    def needs(self) -> MotionNeeds:
-        """Reactions of the joints."""
-        return MotionNeeds(joint_reactions=("all",) if self.joints is None else tuple(self.joints))
-
-    def _reactions(self, motion: Motion) -> JointReactionMap:
-        return required(motion.trajectory.joint_reactions).of_joints(self.joints)
-
-    def data(self, motion: Motion) -> Mapping[str, FloatArray]:
-        """Give the forces of all joints."""
-        return self._reactions(motion).forces(self.on, self.frame)
-
-    def rows(self, frame: Frame, motion: Motion) -> Rows:
+    def room(self, forces: Mapping[str, ca.SX], body_weight: float) -> Mapping[str, ca.SX]:
         """How much each force is below its limit [N]."""
-        joints, data = self._reactions(motion).joints, frame.data
-        force = data["per_tendon_force"] @ frame.muscle.tendon_force + data["per_control"] @ frame.control
-        force += data["constant"]
-        names, values = [], []
-        for j, limit in _limits("joint", self.largest, joints):
-            names.append(joints[j])
-            values.append(limit - length(force[3 * j : 3 * j + 3]))
-        parts = tuple(f"{joint}_{part}" for joint in joints for part in ("fx", "fy", "fz"))
-        for i, limit in _limits("component of joint reactions", self.components, parts):
-            names += [f"{parts[i]} positive", f"{parts[i]} negative"]
-            values += [limit - force[i], limit + force[i]]
-        return Rows(
-            value=ca.vertcat(*values),
-            lower=0.0,
-            upper=np.inf,
-            names=names,
-            unit="N",
-            scale=FORCE_SCALE,
-            price=self.soft,
-        )
+        largest = self.largest if isinstance(self.largest, Mapping) else {"*": self.largest}
+        parts = {
+            f"{joint}_{part}": force[i]
+            for joint, force in forces.items()
+            for i, part in enumerate(COMPONENTS[:3])
+        }
+        rows = {
+            joint: limit - length(forces[joint])
+            for joint, limit in _limits("joint", largest, forces, body_weight)
+        }
+        kind = "component of joint reactions"
+        for part, limit in _limits(kind, self.components or {}, parts, body_weight):
+            rows |= {f"{part} positive": limit - parts[part], f"{part} negative": limit + parts[part]}
+        return rows
 
 
 def _limits(
-    kind: str, limits: float | Mapping[str, float] | None, names: Sequence[str]
-) -> list[tuple[int, float]]:
-    """Return the limits by position; what has none is left out."""
-    if not isinstance(limits, Mapping):
-        limits = {} if limits is None else {"*": limits}
-    found = by_name(kind, limits, names, default=np.inf)
-    return [(i, limit) for i, limit in enumerate(found.tolist()) if limit < np.inf]
+    kind: str, limits: Mapping[str, float | str | None], names: Iterable[str], body_weight: float
+) -> list[tuple[str, float]]:
+    """Return names with their limits [N]; what has none is left out."""
+    given = {name: _in_newtons(name, x, body_weight) for name, x in limits.items() if x is not None}
+    found = by_name(kind, given, tuple(names), default=np.inf).tolist()
+    return [(name, limit) for name, limit in zip(names, found, strict=True) if limit < np.inf]
+
+
+def _in_newtons(name: str, limit: float | str, body_weight: float = np.inf) -> float:
+    """Read a limit [N]; without the model's weight [N] it is only checked."""
+    multiple = _MULTIPLE.fullmatch(str(limit))
+    newtons = float(multiple[1]) * body_weight if multiple else limit
+    if isinstance(newtons, str) or newtons == limit == np.inf or not newtons > ROUNDED:
+        raise ProblemError(
+            f"the limit of {name!r} is {shown(limit)}, expected more than {ROUNDED:g} N, or text such as "
+            "'3BW' for body weights of a model that has mass"
+        )
+    return newtons

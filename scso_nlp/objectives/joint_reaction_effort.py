@@ -12,7 +12,7 @@ import numpy as np
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame
-from scso_nlp.joint_reactions import JointReactionMap, required
+from scso_nlp.joint_reactions import required
 from scso_nlp.motion import Motion
 from scso_nlp.needs import MotionNeeds
 from scso_nlp.objectives.objective import FrameObjective
@@ -49,7 +49,7 @@ class JointReactionEffort(FrameObjective):
 
     References
     ----------
-    DeMers, Pal and Delp (2014), J Orthop Res 32:769-776: squared knee force as a cost.
+    Dembia et al. (2020), PLoS Comput Biol 16:e1008493: effort and knee load minimized together.
 
     Examples
     --------
@@ -74,14 +74,11 @@ class JointReactionEffort(FrameObjective):
     @property
     def needs(self) -> MotionNeeds:
         """Reactions of the joints."""
-        return MotionNeeds(joint_reactions=("all",) if self.joints is None else tuple(self.joints))
-
-    def _reactions(self, motion: Motion) -> JointReactionMap:
-        return required(motion.trajectory.joint_reactions).of_joints(self.joints)
+        return MotionNeeds(joint_reactions=tuple(self.joints or ("all",)))
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give forces of joints [BW], each times the root of its share of the mean."""
-        reactions = self._reactions(motion)
+        reactions = required(motion.trajectory.joint_reactions, self.joints)
         if not reactions.body_weight > 0:
             raise ProblemError(
                 "the model weighs nothing, so that joint forces cannot be told in body weights"

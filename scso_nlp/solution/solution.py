@@ -197,7 +197,7 @@ class Solution:
         NameMismatchError
             An unknown joint.
         """
-        found = required(self.problem.motion.trajectory.joint_reactions).of_joints(joints)
+        found = required(self.problem.motion.trajectory.joint_reactions, joints)
         return found.at(self.tendon_force, self.control, on=on, frame=frame)
 
     @property

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import evaluate_terms, frame_arrays, random_problem, with_joint_reactions
+from helpers import evaluate_terms, frame_arrays, random_problem, with_joint_reactions, with_trajectory
 from scipy.optimize import minimize
 
 import scso_nlp as scso
@@ -34,6 +34,27 @@ def test_rows_are_what_is_left_to_the_limits(rng):
     expected = [900.0 - np.sqrt((knee**2).sum(axis=1) + 1.0)]
     expected += [500.0 - sign * hip[:, i] for i in (0, 2) for sign in (1, -1)]
     np.testing.assert_allclose(rows["JointReactionLimit"], np.stack(expected, axis=1), rtol=1e-10)
+
+
+def test_limits_in_body_weights_are_those_in_newtons(rng):
+    """The model weighs 700 N."""
+    same = (
+        {"largest": "1.5BW", "components": {"hip_f?": " .5 BW "}},
+        {"largest": 1050.0, "components": {"hip_f?": 350.0}},
+    )
+    point = rng.uniform(0, 1, (3, 10)), rng.normal(size=(3, 3))
+    in_weights, in_newtons = (
+        evaluate_terms(limited(np.random.default_rng(2), scso.JointReactionLimit(**limits)), *point)[1]
+        for limits in same
+    )
+    np.testing.assert_array_equal(in_weights["JointReactionLimit"], in_newtons["JointReactionLimit"])
+
+
+def test_a_limit_in_body_weights_needs_a_model_that_has_some(rng):
+    problem = limited(rng, scso.JointReactionLimit(largest="3BW"))
+    reactions = dataclasses.replace(problem.motion.trajectory.joint_reactions, body_weight=0.0)
+    with pytest.raises(scso.ProblemError, match=r"is '3BW', .* of a model that has mass"):
+        scso.solve_trajectory(with_trajectory(problem, joint_reactions=reactions))
 
 
 def test_a_limit_is_kept_at_the_least_cost(rng):
@@ -86,8 +107,14 @@ def test_a_limit_may_be_exceeded_at_a_price(rng):
     ("arguments", "message"),
     [
         ({}, "no limit is given"),
-        ({"largest": -5.0}, "the limit of 'all joints' is -5 N"),
-        ({"components": {"knee_fx": 0.0}}, "the limit of 'knee_fx' is 0 N"),
+        (
+            {"largest": -5.0},
+            "the limit of 'all joints' is -5.0, expected more than 1 N, or text such as '3BW'",
+        ),
+        ({"largest": float("inf")}, "the limit of 'all joints' is inf"),
+        ({"largest": {"knee": "0BW"}}, "the limit of 'knee' is '0BW'"),
+        ({"largest": "300"}, "the limit of 'all joints' is '300'"),
+        ({"components": {"knee_fx": 0.0}}, "the limit of 'knee_fx' is 0.0"),
         ({"largest": 100.0, "soft": 0.0}, "soft is 0, expected a positive price per N"),
     ],
 )
