@@ -86,16 +86,29 @@ def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
-def _table_or_text(text: str) -> dict[str, float] | str:
-    if "=" not in text:
-        return text
+def _by_name(text: str, read: Callable[[str], Any] = number) -> dict[str, Any]:
     pairs = [part.rsplit("=", 1) for part in text.split(",")]
-    return {name.strip(): number(value) for name, value in pairs}
+    return {name.strip(): read(value) for name, value in pairs}
+
+
+def _table_or_text(text: str) -> dict[str, float] | str:
+    return _by_name(text) if "=" in text else text
 
 
 def _table_or_number(text: str) -> dict[str, float] | float:
-    read = _table_or_text(text)
-    return number(read) if isinstance(read, str) else read
+    return _by_name(text) if "=" in text else number(text)
+
+
+def _force(text: str) -> float | str:
+    return text.strip() if text.strip().endswith("BW") else number(text)
+
+
+def _forces(text: str) -> dict[str, float | str] | float | str:
+    return _by_name(text, _force) if "=" in text else _force(text)
+
+
+def _cones(text: str) -> dict[str, list[float]]:
+    return _by_name(text, lambda values: [number(value) for value in values.split()])
 
 
 def _whole_number(text: str) -> int:
@@ -128,6 +141,14 @@ NUMBER_OR_TABLE = Kind(
 TABLE_OR_PATH = Kind(
     dict[str, float] | str, f"{_TABLE}, or a path in quotes", "PATH|NAME=NUMBER,...", _table_or_text,
     accepts=lambda value: isinstance(value, dict) or value.strip(), is_path=True,
+)  # fmt: skip
+FORCES = Kind(
+    float | str | dict[str, float | str], f"newtons, or body weights such as '3BW', or {_TABLE} of these",
+    "NEWTONS|3BW|NAME=NEWTONS,...", _forces,
+)  # fmt: skip
+CONES = Kind(
+    dict[str, list[float]], 'a table { "name" = [x, y, z, slope], ... }', "NAME=X Y Z SLOPE,...", _cones,
+    accepts=lambda value: all(len(cone) == 4 for cone in value.values()),
 )  # fmt: skip
 WEIGHTS = Kind(
     dict[str, float] | str, f"'volume' or 'pcsa', or {_TABLE}", "volume|pcsa|NAME=NUMBER,...", _table_or_text,
@@ -302,6 +323,15 @@ SETTINGS = {setting.name: setting for setting in (
         help="Let activations follow excitations by first-order dynamics with the model's time constants"),
     Setting("joint_reactions", NAMES, PROBLEM, place="motion.joint_reactions", example='["knee_r", "hip_r"]',
         default="none", help="Joints whose reactions are computed and written to a file, or all"),
+    Setting("joint_reaction_effort", NUMBER_OR_TABLE, PROBLEM, example='{ "knee_r" = 0.1 }', default="none",
+        help="Weight of the mean squared joint force in body weights besides the effort of the activations, "
+        "for all joints or by name or pattern"),
+    Setting("joint_reaction_limit", FORCES, PROBLEM, unit="N", example='{ "knee_r" = 2500.0 }',
+        default="none", help="Largest force of joints, for all or by name or pattern, in newtons or body "
+        "weights (3BW)"),
+    Setting("joint_reaction_cone", CONES, PROBLEM, example='{ "shoulder" = [0.0, 0.0, -1.0, 0.5] }',
+        default="none", help="Cone that the force of a joint on its parent stays in, by name or pattern: its "
+        "axis in the parent, into the socket, and its slope, the largest shear over compression"),
     Setting("stability", _one_of("off", *STABILITY_METHODS), STABILITY, place="run.stability",
         example='"potvin-brown"', default="off", is_filled_in=True, help="Stability about joint axes "
         "(potvin-brown), along coordinates (diagonal), or of their whole Hessian (full)"),

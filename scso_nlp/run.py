@@ -281,7 +281,7 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
 def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dict[str, str]]:
     """Extract the motion; give the hashes of what was read, too."""
     check_names(settings.motion, settings.constraints, settings.weights)
-    motion = prepared_for(settings.motion, settings.constraints)
+    motion = prepared_for(settings.motion, settings.terms)
     return load_with_hashes(motion, processes=output.processes, cache=output.cache)
 
 
@@ -305,7 +305,11 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
         weights=settings.weights,
         passive_elements=settings.passive_elements,
     )
-    return replace(plain, constraints=(*plain.constraints, *settings.constraints))
+    return replace(
+        plain,
+        objectives=(*plain.objectives, *settings.objectives),
+        constraints=(*plain.constraints, *settings.constraints),
+    )
 
 
 @checked

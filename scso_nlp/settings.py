@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +16,8 @@ from scso_nlp.arguments import checked
 from scso_nlp.constraints.activation_dynamics import ActivationDynamics
 from scso_nlp.constraints.activation_rate import ActivationRate
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
+from scso_nlp.constraints.joint_reaction_cone import JointReactionCone
+from scso_nlp.constraints.joint_reaction_limit import JointReactionLimit
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import (
     MUSCLE_MODELS,
@@ -29,6 +31,8 @@ from scso_nlp.declared_settings import (
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
 from scso_nlp.files import absolute, check_name, hashes, read_text, read_toml, refuse_changed
 from scso_nlp.objectives.activation_effort import ActivationEffort
+from scso_nlp.objectives.joint_reaction_effort import JointReactionEffort
+from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.opensim.setup_xml import (
     DEFAULT_OUTPUT_PRECISION,
     AnalyzeSetup,
@@ -70,6 +74,12 @@ class RunSettings:
         Bounds of :class:`~scso_nlp.ActivationRate`, if any.
     activation_dynamics : bool
         With :class:`~scso_nlp.ActivationDynamics`.
+    joint_reaction_effort : float, mapping of str to float, or None
+        Weight of :class:`~scso_nlp.JointReactionEffort` of all joints, or of some by name or pattern.
+    joint_reaction_limit : float, text such as "3BW", mapping of str to these, or None [N]
+        As `largest` of :class:`~scso_nlp.JointReactionLimit`.
+    joint_reaction_cone : mapping of str to (x, y, z, slope), or None
+        Axis and slope of a :class:`~scso_nlp.JointReactionCone` by joint or pattern.
     muscle_model : "opensim-rigid", "physical-rigid", "compliant" or "none"
         Force-length-velocity as OpenSim's static optimization has it, with the textbook's rigid tendon, or
         with elastic tendons; or force proportional to activation.
@@ -92,6 +102,9 @@ class RunSettings:
     passive_elements: Literal["taken_off", "left_in"] = "taken_off"
     activation_rate: Literal["off", "first_order", "constant"] = "off"
     activation_dynamics: bool = False
+    joint_reaction_effort: float | Mapping[str, float] | None = None
+    joint_reaction_limit: float | str | Mapping[str, float | str] | None = None
+    joint_reaction_cone: Mapping[str, Sequence[float]] | None = None
     muscle_model: str = "opensim-rigid"
     stability: StabilityConstraint | None = None
     solver: str = "trajectory"
@@ -107,9 +120,24 @@ class RunSettings:
         for part in (self.motion.name, self.analysis_name):
             check_name(part)
         ActivationEffort(exponent=self.exponent, weights=self.weights)
-        coupled = [term.name for term in self.constraints if isinstance(term, FramePairConstraint)]
+        coupled = [term.name for term in self.terms if isinstance(term, FramePairConstraint)]
         if coupled and self.solver == "framewise":
             raise ProblemError(f"{', '.join(coupled)} couples frames, expected solver 'trajectory'")
+
+    @property
+    def terms(self) -> tuple[FrameObjective | FrameConstraint | FramePairConstraint, ...]:
+        """All that is asked for besides static optimization."""
+        return (*self.objectives, *self.constraints)
+
+    @property
+    def objectives(self) -> tuple[FrameObjective, ...]:
+        """What is asked for besides the effort of the activations."""
+        weights = self.joint_reaction_effort
+        if weights is None:
+            return ()
+        if isinstance(weights, Mapping):
+            return (JointReactionEffort(joints=tuple(weights), weights=weights),)
+        return (JointReactionEffort(weight=weights),)
 
     @property
     def constraints(self) -> tuple[FrameConstraint | FramePairConstraint, ...]:
@@ -121,6 +149,13 @@ class RunSettings:
             terms.append(ActivationRate(bounds=self.activation_rate))
         if self.activation_dynamics:
             terms.append(ActivationDynamics())
+        limit = self.joint_reaction_limit
+        if limit is not None:
+            joints = tuple(limit) if isinstance(limit, Mapping) else None
+            terms.append(JointReactionLimit(largest=limit, joints=joints))
+        for joint, (*axis, slope) in (self.joint_reaction_cone or {}).items():
+            label = f"JointReactionCone_{joint}"
+            terms.append(JointReactionCone(joints=[joint], axis=axis, slope=slope, label=label))
         return tuple(terms)
 
     @property

@@ -96,6 +96,9 @@ ARRIVES = {
     "activation_rate": ("constant", '"constant"', "constant"),
     "activation_dynamics": (True, "true", True),
     "joint_reactions": ("knee_r, hip_r", '["knee_r", "hip_r"]', ("knee_r", "hip_r")),
+    "joint_reaction_effort": ("a=.1, b_*=2", '{ "a" = 0.1, "b_*" = 2 }', {"a": 0.1, "b_*": 2.0}),
+    "joint_reaction_limit": ("a=2500, b_*=3BW", '{ "a" = 2500, "b_*" = "3BW" }', {"a": 2500.0, "b_*": "3BW"}),
+    "joint_reaction_cone": ("a=0 0 -1 .5", '{ "a" = [0, 0, -1, 0.5] }', {"a": [0.0, 0.0, -1.0, 0.5]}),
     "stability": ("full", '"full"', "full"),
     "q": ("*=5, RA_*=1e1", '{ "*" = 5, "RA_*" = 10.0 }', {"*": 5.0, "RA_*": 10.0}),
     "level": ("3", "3", 3.0),
@@ -307,6 +310,29 @@ def test_terms_beside_stability_are_described_by_settings(tmp_path):
     assert read_settings(with_setup(tmp_path))[0].constraints == ()
 
 
+def test_terms_of_joint_reactions_are_described_by_settings(tmp_path):
+    by_name, _ = read_settings(
+        SPINE / "setup.xml",
+        {
+            "joint_reaction_effort": "a=.1,b=2",
+            "joint_reaction_limit": "a=3BW",
+            "joint_reaction_cone": "a=0 0 -1 .5, b=0 1 0 1",
+        },
+    )
+    effort = scso.JointReactionEffort(joints=("a", "b"), weights={"a": 0.1, "b": 2.0})
+    limit = scso.JointReactionLimit(joints=("a",), largest={"a": "3BW"})
+    cones = [
+        scso.JointReactionCone(joints=("a",), axis=(0, 0, -1), slope=0.5, label="JointReactionCone_a"),
+        scso.JointReactionCone(joints=("b",), axis=(0, 1, 0), slope=1.0, label="JointReactionCone_b"),
+    ]
+    assert by_name.terms == (effort, limit, *cones)
+    of_all, _ = read_settings(with_setup(tmp_path, "joint_reaction_effort = 1\njoint_reaction_limit = '3BW'"))
+    assert of_all.terms == (scso.JointReactionEffort(), scso.JointReactionLimit(largest="3BW"))
+    motion = random_problem(np.random.default_rng(5), n_frames=3, n_muscles=4, reserve=5.0).motion
+    problem = describe(of_all, motion)
+    assert (problem.objectives[1:], problem.constraints[1:]) == (of_all.objectives, of_all.constraints)
+
+
 @pytest.mark.parametrize("setting", ["activation_rate = 'first_order'", "activation_dynamics = true"])
 def test_what_couples_frames_is_refused_frame_by_frame(tmp_path, setting):
     path = with_setup(tmp_path, f"{setting}\nsolver = 'framewise'")
@@ -456,6 +482,17 @@ def test_the_settings_of_every_example_are_read(name):
         ),
         ("stability = 'full'\nsoft = 0", ProblemError, "soft is 0, expected a positive price"),
         ("tolerance = 2.0", ProblemError, "tolerance is 2"),
+        ("joint_reaction_effort = -1", ProblemError, "weight is -1, expected a finite number"),
+        (
+            "joint_reaction_limit = '3'",
+            ProblemError,
+            "the limit of 'all joints' is '3', expected more than 1 N, or text such as '3BW'",
+        ),
+        (
+            "joint_reaction_cone = { a = [0, 0, 1] }",
+            DataError,
+            r"is {'a': \[0, 0, 1\]}, expected a table { \"name\" = \[x, y, z, slope\]",
+        ),
         ("a = ", FileFormatError, "is not TOML"),
     ],
 )

@@ -109,8 +109,10 @@ def diagnose(settings: RunSettings, output: OutputSettings, model: ModelDescript
     own = settings.stability
     terms = (replace(own, soft=None),) if own is not None else stable_terms(model)
     check_names(settings.motion, terms, settings.weights)
-    motion = load_motion(settings.motion, prepare_for=terms, processes=output.processes, cache=output.cache)
-    plain = describe(replace(settings, stability=None), motion)
+    without = replace(settings, stability=None)
+    needing = (*without.terms, *terms)
+    motion = load_motion(settings.motion, prepare_for=needing, processes=output.processes, cache=output.cache)
+    plain = describe(without, motion)
     problem = replace(plain, constraints=(*plain.constraints, *terms))
     return diagnosis_of(problem, solver=settings.solver, options=settings.options)
 
