@@ -59,6 +59,7 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
     """
     problem = solution.problem
     trajectory = problem.motion.trajectory
+    reactions = trajectory.joint_reactions
     balance = solution.moment_balance
     statuses = solution.frame_status
     counts = {status.name: statuses.count(status) for status in Status if status in statuses}
@@ -77,6 +78,7 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             "muscle_names": list(trajectory.muscles),
             "max_activation": problem.motion.muscles.max_activation,
             "at_rest": trajectory.is_at_rest,
+            "body_weight": None if reactions is None else reactions.body_weight,
             "moved_coordinate": _moved_coordinates(trajectory),
             "actuators": len(trajectory.actuators),
             "coordinates": list(trajectory.coordinates),

@@ -29,8 +29,6 @@ _FILES = {
     "moment": ("moments.sto", "it was written by an earlier version; run again"),
     "reaction": ("JointReaction_ReactionLoads.sto", "run again with --joint-reactions all"),
 }
-#: Units of the columns of joint reactions, by what stands before their axis.
-_REACTIONS = {"f": "N", "m": "N·m"}
 _LOAD = re.compile(r"_[fm][xyz]$")
 
 
@@ -142,13 +140,20 @@ def _stability(folder: Path, result: MotionResult) -> Series:
 
 
 def _reaction(folder: Path, result: MotionResult) -> Series:
-    """Take forces and moments, and the resultant force of each joint under the start of their names."""
+    """Take forces and moments, and the resultant force of each joint under the start of their names.
+
+    Forces are in body weights, or in newtons where the model has no weight or the report does not say it.
+    """
     table = _table(folder, result, "reaction")
     loads = [label for label in table.labels if _LOAD.search(label)]
     joints = dict.fromkeys(label[:-3] for label in loads)
     resultant = [np.linalg.norm(table.columns([f"{j}_f{x}" for x in "xyz"]), axis=1) for j in joints]
     found = _series(result, (*joints, *loads), np.column_stack((*resultant, table.columns(loads))), "N")
-    return replace(found, units=("N",) * len(joints) + tuple(_REACTIONS[label[-2]] for label in loads))
+    weight = result.report["problem"].get("body_weight")
+    is_moment = np.array([label[-3:-1] == "_m" for label in found.names])
+    units = np.where(is_moment, "N·m", "BW" if weight else "N")
+    values = found.values / np.where(is_moment, 1.0, weight or 1.0)
+    return replace(found, units=tuple(units.tolist()), values=values)
 
 
 def _moments(pairs: Sequence[tuple[Path, MotionResult]]) -> tuple[Series, ...]:

@@ -115,6 +115,7 @@ def test_joint_reactions_are_written_as_opensim_writes_them(tmp_path, rng):
     np.testing.assert_array_equal(found.values[:, 15:], reactions.points[:, 1])
     peak = np.linalg.norm(reactions.forces[:, 1], axis=1).max()
     report = json.loads((path.parent / "report.json").read_text())
+    assert report["problem"]["body_weight"] == 700.0
     assert report["joint_reaction_peaks"]["knee"] == pytest.approx(
         {"force": peak, "body_weights": peak / 700.0}
     )

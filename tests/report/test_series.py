@@ -114,6 +114,21 @@ def test_joint_reactions_are_resultants_or_single_columns(tmp_path, solution):
     assert (pair.title, notes) == ("hip_on_femur_in_ground", ())
 
 
+def test_joint_forces_are_in_body_weights_where_the_report_has_the_weight(tmp_path, solution):
+    reactions(tmp_path / "run")
+    (newtons,) = read_series([tmp_path / "run"], "reaction")
+    path = tmp_path / "run" / "report.json"
+    report = json.loads(path.read_text(encoding="utf-8"))
+    report["problem"]["body_weight"] = 700.0
+    path.write_text(json.dumps(report), encoding="utf-8")
+    (found,) = read_series([tmp_path / "run"], "reaction")
+    units = dict(zip(found.names, found.units, strict=True))
+    for name, unit, size in (("", "BW", 700.0), ("_fy", "BW", 700.0), ("_my", "N·m", 1.0)):
+        name = f"hip_r_on_femur_r_in_ground{name}"
+        assert units[name] == unit
+        np.testing.assert_allclose(size * found.column(name), newtons.column(name), rtol=1e-14)
+
+
 @pytest.mark.parametrize(
     ("quantity", "message"),
     [
