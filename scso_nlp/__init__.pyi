@@ -1,5 +1,6 @@
 """Public names, each once: type checkers read this file, and the package imports from it on first use."""
 
+from . import studies as studies
 from .constraints.activation_dynamics import ActivationDynamics as ActivationDynamics
 from .constraints.activation_rate import ActivationRate as ActivationRate
 from .constraints.constraint import FrameConstraint as FrameConstraint

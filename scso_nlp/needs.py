@@ -37,6 +37,11 @@ class MotionNeeds:
     curvature_coordinates: tuple[str, ...] = ()
     joint_reactions: tuple[str, ...] = ()
 
+    @property
+    def needs(self) -> MotionNeeds:
+        """Itself: it may stand for the terms that need it."""
+        return self
+
     def __or__(self, other: MotionNeeds) -> MotionNeeds:
         return MotionNeeds(
             muscle_paths=self.muscle_paths or other.muscle_paths,

@@ -21,6 +21,7 @@ from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.no_physiology import NoPhysiology
+from scso_nlp.needs import HasNeeds
 from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
 from scso_nlp.opensim.engine import load_motion, load_with_hashes
 from scso_nlp.opensim.model_names import model_names
@@ -169,7 +170,9 @@ def solve(
 
 
 @checked
-def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResult:
+def run(
+    settings: RunSettings, output: OutputSettings | None = None, *, prepare_for: Iterable[HasNeeds] = ()
+) -> RunResult:
     """Extract the motion, solve it, and solve it without stability rows for comparison.
 
     Parameters
@@ -177,6 +180,8 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     settings : RunSettings
     output : OutputSettings, optional
         `processes` and `cache` matter here; the rest is for the record.
+    prepare_for : terms, optional
+        Of other problems about this motion: what they need is extracted too, so that one cache serves all.
 
     Returns
     -------
@@ -195,7 +200,7 @@ def run(settings: RunSettings, output: OutputSettings | None = None) -> RunResul
     with kept_warnings() as warnings:
         STAGES.info("reading %s", settings.motion.model.name)
         started = time.perf_counter()
-        motion, inputs = _extract(settings, output)
+        motion, inputs = _extract(settings, output, prepare_for)
         seconds = {"extraction": time.perf_counter() - started}
         problem = describe(settings, motion)
         solve = functools.partial(
@@ -262,7 +267,9 @@ def check_names(
 
 
 @checked
-def extract(settings: RunSettings, output: OutputSettings | None = None) -> Motion:
+def extract(
+    settings: RunSettings, output: OutputSettings | None = None, *, prepare_for: Iterable[HasNeeds] = ()
+) -> Motion:
     """Extract the motion with the derivatives that the stability rows need.
 
     Parameters
@@ -270,18 +277,22 @@ def extract(settings: RunSettings, output: OutputSettings | None = None) -> Moti
     settings : RunSettings
     output : OutputSettings, optional
         Only `processes` and `cache` matter here.
+    prepare_for : terms, optional
+        As for :func:`run`.
 
     Returns
     -------
     Motion
     """
-    return _extract(settings, output or OutputSettings())[0]
+    return _extract(settings, output or OutputSettings(), prepare_for)[0]
 
 
-def _extract(settings: RunSettings, output: OutputSettings) -> tuple[Motion, dict[str, str]]:
+def _extract(
+    settings: RunSettings, output: OutputSettings, others: Iterable[HasNeeds]
+) -> tuple[Motion, dict[str, str]]:
     """Extract the motion; give the hashes of what was read, too."""
     check_names(settings.motion, settings.constraints, settings.weights)
-    motion = prepared_for(settings.motion, settings.terms)
+    motion = prepared_for(settings.motion, (*settings.terms, *others))
     return load_with_hashes(motion, processes=output.processes, cache=output.cache)
 
 

@@ -246,33 +246,111 @@ def read_settings(
     path = absolute(path)
     before = hashes(filter(os.path.isfile, [path]))
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
-    changed = _checked(changes, "the options", Path.cwd(), as_option=True)
+    changed = check_settings(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
-        given = _checked(read_toml(path), str(path), path.parent)
+        given = check_settings(read_toml(path), str(path), path.parent)
     elif "setup" in changed:
         raise ProblemError(f"{path} is taken as a setup, but the options name another: leave one of them out")
     else:
         given = {"setup": path}
     _refuse_idle_stability(given, changed)
+    output = {"folder": path.parent / RESULTS / path.stem}
+    return _settings(overlaid(given, changed), str(path), before, output)
+
+
+@checked
+def settings_of(given: Mapping[str, Any], where: str = "the settings") -> tuple[RunSettings, OutputSettings]:
+    """Make the settings of a run from the values that a settings file would hold.
+
+    Parameters
+    ----------
+    given : mapping of str to object
+        By the names of :data:`~scso_nlp.declared_settings.SETTINGS`; relative paths are relative to the
+        working folder.
+    where : str
+        What a message about them begins with.
+
+    Returns
+    -------
+    RunSettings, OutputSettings
+
+    Raises
+    ------
+    FileFormatError, NameMismatchError, DataError, ProblemError
+        As for :func:`read_settings`.
+
+    Examples
+    --------
+    >>> from scso_nlp.settings import settings_of
+    >>> settings, _ = settings_of({"setup": example_folder("elbow") / "setup.xml"})
+    >>> settings.exponent
+    2.0
+    """
+    given = check_settings(given, where, Path.cwd())
+    _refuse_idle_stability(given, {})
+    return _settings(given, where, {}, {})
+
+
+def overlaid(given: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay checked settings over others: they win, and what has no effect beside them is left out.
+
+    Parameters
+    ----------
+    given, changed : mapping of str to object
+
+    Returns
+    -------
+    dict of str to object
+    """
+    idle = _without_effect(changed["stability"]) if "stability" in changed else set()
     if changed.keys() & set(_MODEL_SETTINGS):
-        given = {name: value for name, value in given.items() if name not in _MODEL_SETTINGS}
-    given |= changed
-    named = (given.get("setup"), given.get("passive"))
-    sources = before | hashes(file for file in named if isinstance(file, Path) and os.path.isfile(file))
-    output = OutputSettings(**{"folder": path.parent / RESULTS / path.stem, **_fields("output", given)})
-    settings = _run_settings(given, path, sources, output)
-    refuse_changed(sources)
-    return settings, output
+        idle |= set(_MODEL_SETTINGS)
+    return {name: value for name, value in given.items() if name not in idle} | dict(changed)
 
 
-def _checked(
+def check_settings(
     given: Mapping[str, Any], where: str, folder: Path, *, as_option: bool = False
 ) -> dict[str, Any]:
-    """Read every value as its setting says."""
+    """Read every value as its setting says.
+
+    Parameters
+    ----------
+    given : mapping of str to object
+    where : str
+        What a message begins with.
+    folder : Path
+        What relative paths are relative to.
+    as_option : bool
+        Text is read as on the command line.
+
+    Returns
+    -------
+    dict of str to object
+        Paths are absolute.
+
+    Raises
+    ------
+    NameMismatchError
+        A name that is not known; the closest one is suggested.
+    DataError
+        A value that is not what its setting expects.
+    """
     for name in given:
         if name not in SETTINGS:
             raise NameMismatchError(f"{where}: unknown setting {name!r} ({nearest(name, SETTINGS)})")
     return {n: SETTINGS[n].read(v, where, folder, as_option=as_option) for n, v in given.items()}
+
+
+def _settings(
+    given: Mapping[str, Any], where: str, before: Mapping[str, str], output: Mapping[str, Any]
+) -> tuple[RunSettings, OutputSettings]:
+    """Make objects of checked settings; `before` are hashes of files that these were read from."""
+    named = (given.get("setup"), given.get("passive"))
+    sources = {**before, **hashes(file for file in named if isinstance(file, Path) and os.path.isfile(file))}
+    results = OutputSettings(**{**output, **_fields("output", given)})
+    settings = _run_settings(given, where, sources, results)
+    refuse_changed(sources)
+    return settings, results
 
 
 def _fields(part: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -289,13 +367,18 @@ def _with_effect(method: str) -> set[str]:
     return {name for name, setting in SETTINGS.items() if setting.place in places}
 
 
+def _without_effect(method: str) -> set[str]:
+    """Name the settings of joint stability that a method has no field for."""
+    return set().union(*map(_with_effect, STABILITY_METHODS)) - _with_effect(method)
+
+
 def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any]) -> None:
     """Raise if a stability setting would have no effect without anyone having said so."""
     method = changed.get("stability", given.get("stability", "off"))
     # a file may keep settings of the method that it, or an option, replaces
     is_chosen_anew = "stability" in changed or (method == "off" and "stability" in given)
     said = changed if is_chosen_anew else {**given, **changed}
-    without_effect = set().union(*map(_with_effect, STABILITY_METHODS)) - _with_effect(method)
+    without_effect = _without_effect(method)
     idle = [name for name in SETTINGS if name in said and name in without_effect]
     if idle:
         fitting = " or ".join(repr(known) for known in STABILITY_METHODS if set(idle) <= _with_effect(known))
@@ -304,7 +387,7 @@ def _refuse_idle_stability(given: Mapping[str, Any], changed: Mapping[str, Any])
 
 
 def _run_settings(
-    given: Mapping[str, Any], source: Path, sources: Mapping[str, str], output: OutputSettings
+    given: Mapping[str, Any], source: str, sources: Mapping[str, str], output: OutputSettings
 ) -> RunSettings:
     changes = _fields("motion", given)
     setup: AnalyzeSetup | None = None

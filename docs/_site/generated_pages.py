@@ -47,6 +47,7 @@ MODULES = {
     "settings": "Settings of a run",
     "emg": "Electromyography",
     "examples": "Embedded examples",
+    "studies": "Studies",
 }
 #: What the examples of docstrings start from.
 EXAMPLES_START = """\
@@ -158,9 +159,11 @@ def names_of(module: str) -> list[str]:
     loaded = importlib.import_module(module)
     if loaded is scso_nlp:
         return [name for names in public_names().values() for name in names]
+    # what is imported on first use is listed
+    found = {name: getattr(loaded, name) for name in getattr(loaded, "__all__", vars(loaded))}
     return [
         name
-        for name, thing in vars(loaded).items()
+        for name, thing in found.items()
         if not name.startswith("_")
         and (inspect.isclass(thing) or inspect.isfunction(thing))
         and thing.__module__.startswith(loaded.__name__)

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from scso_nlp.cli.batch import batch
 from scso_nlp.cli.compare import compare
 from scso_nlp.cli.doctor import doctor
 from scso_nlp.cli.example import example
@@ -42,5 +43,5 @@ def _options(
     """Take the options that stand before a command."""
 
 
-for _command in (run, init, info, doctor, example, compare, plot, report, reach):
+for _command in (run, batch, init, info, doctor, example, compare, plot, report, reach):
     app.command()(_command)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,9 +32,18 @@ def _option(setting: Setting) -> inspect.Parameter:
 
 def with_every_setting(command: Callable[..., None]) -> Any:
     """Put an option for every setting in place of ``**changes``."""
-    signature = inspect.signature(command, eval_str=True)
-    source, verbose, _ = signature.parameters.values()
-    options = [_option(setting) for setting in SETTINGS.values()]
-    signed: Any = command
-    signed.__signature__ = signature.replace(parameters=[source, *options, verbose])
-    return signed
+    return with_settings()(command)
+
+
+def with_settings(without: Collection[str] = ()) -> Callable[[Callable[..., None]], Any]:
+    """Put an option for every setting but some in place of ``**changes``, after the argument."""
+
+    def decorate(command: Callable[..., None]) -> Any:
+        signature = inspect.signature(command, eval_str=True)
+        argument, *others, _ = signature.parameters.values()
+        options = [_option(setting) for name, setting in SETTINGS.items() if name not in without]
+        signed: Any = command
+        signed.__signature__ = signature.replace(parameters=[argument, *options, *others])
+        return signed
+
+    return decorate

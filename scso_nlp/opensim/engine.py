@@ -195,7 +195,7 @@ def load_with_hashes(
     """
     if processes is not None and processes < 1:
         raise DataError(f"processes is {processes}, expected 1 or more")
-    inputs = hashes(_input_files(motion))
+    inputs = hashes(input_files(motion))
     checked = check_input(motion)
     refuse_changed(inputs)
     if cache is None:
@@ -288,8 +288,14 @@ def _provenance(checked: CheckedInput, inputs: Mapping[str, str]) -> Provenance:
     )
 
 
-def _input_files(motion: MotionInput) -> list[Path]:
-    """List every input file, with those that the files themselves name."""
+def input_files(motion: MotionInput) -> list[Path]:
+    """List every input file, with those that the files themselves name.
+
+    Raises
+    ------
+    DataError
+        One that is missing.
+    """
     paths = list(motion.files())
     for path in paths:
         require_file(path)

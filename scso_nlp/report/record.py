@@ -127,8 +127,8 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
         "notes": list(record.notes),
         "warnings": list(record.warnings),
     }
-    plain: dict[str, Any] = _plain(report)
-    return plain
+    values: dict[str, Any] = plain(report)
+    return values
 
 
 def _moved_coordinates(trajectory: MotionTrajectory) -> dict[str, str]:
@@ -175,16 +175,16 @@ def _proof(proof: InfeasibilityProof) -> dict[str, object]:
     }
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Turn NumPy numbers, tuples and paths into what JSON has; NaN becomes null, infinity text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     if value is None or isinstance(value, (bool, int, float, str)):

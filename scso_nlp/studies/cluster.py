@@ -1,0 +1,92 @@
+"""Dask: a cluster on this machine, or any that is there already. Nothing of it is home-made.
+
+A worker is one process with one thread that does one trial at a time: BLAS, IPOPT and the OpenSim process
+that it starts for an extraction have one thread each.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from scso_nlp.exceptions import DataError, EngineError
+from scso_nlp.opensim.workers import number_of_cores
+from scso_nlp.signals import undisturbed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: What a worker and its OpenSim process should have [bytes]; large models with all Hessians take as much.
+MEMORY = 2 * 10**9
+#: Libraries read their number of threads from these before they start.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+#: How long a scheduler may take to answer [s].
+PATIENCE = 20.0
+
+
+@contextlib.contextmanager
+def client_of(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+    """Give a client of a cluster; one that is made here ends with the block.
+
+    Parameters
+    ----------
+    scheduler : str or None
+        Address of a scheduler that runs, e.g. ``"tcp://host:8786"``; None is a cluster on this machine.
+    workers : int or None
+        Of the cluster on this machine; by default one per core, fewer where memory is short.
+
+    Yields
+    ------
+    distributed.Client
+
+    Raises
+    ------
+    DataError
+        `workers` for a cluster that has its own, or fewer than one.
+    EngineError
+        Dask is not installed, or no scheduler answers.
+    """
+    if workers is not None and scheduler is not None:
+        raise DataError(f"workers is {workers}, but the cluster at {scheduler} has its own: leave it out")
+    if workers is not None and workers < 1:
+        raise DataError(f"workers is {workers}, expected 1 or more")
+    try:
+        with undisturbed():
+            from distributed import Client, LocalCluster
+    except ImportError:
+        raise EngineError("Dask is not installed: pip install 'scso_nlp[studies]'") from None
+    # a worker that is lost is told of by its trials, and ends are none of the user's business
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise EngineError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+        with client:
+            yield client
+        return
+    number = workers or default_workers()
+    with (
+        LocalCluster(
+            n_workers=number,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=None,
+            host="127.0.0.1",
+            dashboard_address=None,
+            env={**dict.fromkeys(THREADS, "1"), "MPLBACKEND": "agg"},
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def default_workers() -> int:
+    """Return how many workers this machine has cores and memory for."""
+    import psutil  # comes with Dask
+
+    memory = int(psutil.virtual_memory().total)
+    return max(min(number_of_cores(), memory // MEMORY), 1)
