@@ -2,21 +2,17 @@
 
 The page needs no network and runs no script: figures stand in it as data, the style is a few lines of CSS,
 and everything that comes from files is escaped. It is plain enough for a phone and for a screen reader.
-Its frame is the template ``page.html``; here stands what goes into it.
+Its template is ``page.html``; here stands what goes into it.
 """
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -28,13 +24,12 @@ from scso_nlp.figures.frames import FEW_FRAMES
 from scso_nlp.figures.quantity import plot_quantity
 from scso_nlp.figures.series import Series
 from scso_nlp.figures.sides import paired
-from scso_nlp.files import read_bytes, write_whole
+from scso_nlp.files import read_bytes
 from scso_nlp.report import story
+from scso_nlp.report.html import address, figure_address, render, write_page
 from scso_nlp.trajectory import time_text
 from scso_nlp.verdict import USABLE
 
-#: A figure larger than this as a vector is embedded as pixels instead [bytes].
-LARGEST_VECTOR = 400_000
 #: More muscles than this, left and right together, get a figure for every joint [panels].
 MOST_PANELS_OF_ONE = 12
 #: More groups than this get no panels of their own in the report; the table has them all.
@@ -65,20 +60,6 @@ _WITHOUT_EMG = "No EMG was given: nothing here says which result is nearer to a 
 _SHOWN_ELSEWHERE = {"frame_status", "without_stability", "summary", "verdict", "files_sha256", "name"}
 
 
-def _printable(value: Any) -> Any:
-    """Drop the characters that HTML does not allow; what is HTML already stays."""
-    return value if hasattr(value, "__html__") else re.sub(r"[\x00-\x08\x0b-\x1f\x7f]", "", str(value))
-
-
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("scso_nlp.report", "."),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    finalize=_printable,
-    keep_trailing_newline=True,
-)
-
-
 def write_report(
     comparison: Comparison,
     path: str | os.PathLike[str],
@@ -104,8 +85,7 @@ def write_report(
         A picture that is no PNG file, or a page that cannot be written.
     """
     text = render_report(comparison, figures=figures, pictures=pictures)
-    with write_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_page(path, text)
 
 
 def render_report(
@@ -122,14 +102,15 @@ def render_report(
         HTML.
     """
     drawn = {**_standard_figures(comparison), **(figures or {})}
-    addresses = {caption: _figure_address(figure) for caption, figure in drawn.items()}
+    addresses = {caption: figure_address(figure) for caption, figure in drawn.items()}
     addresses.update(_picture(path) for path in map(Path, pictures))
-    return _TEMPLATES.get_template("page.html").render(
+    return render(
+        "page.html",
         name=comparison.results[0].name,
         extent=_extent(comparison),
         about_emg=_WITH_EMG if comparison.emg is not None else _WITHOUT_EMG,
         results=[_result(result) for result in comparison.results],
-        joints={title: _figure_address(figure) for title, figure in _joint_figures(comparison).items()},
+        joints={title: figure_address(figure) for title, figure in _joint_figures(comparison).items()},
         headlines=story.emg_headline(comparison),
         changes=story.largest_changes(comparison),
         missing=(),
@@ -158,7 +139,8 @@ def write_failure(report: Mapping[str, Any], label: str, path: str | os.PathLike
     statuses = [str(status) for status in report["frame_status"]]
     solved = sum(status in USABLE for status in statuses)
     card = _card(label, report) | {"solved": f"{solved} of {len(statuses)}", "is_failed": True}
-    text = _TEMPLATES.get_template("page.html").render(
+    text = render(
+        "page.html",
         name=report["name"],
         extent=f"{len(statuses)} frames. The run failed, so it left no activations.",
         about_emg="",
@@ -167,12 +149,11 @@ def write_failure(report: Mapping[str, Any], label: str, path: str | os.PathLike
         changes=(),
         missing=story.missing(report),
         joints={},
-        figures={caption: _figure_address(figure) for caption, figure in _shortfall_figures(report).items()},
+        figures={caption: figure_address(figure) for caption, figure in _shortfall_figures(report).items()},
         has_intervals=False,
         tables=(),
     )
-    with write_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_page(path, text)
 
 
 def _extent(comparison: Comparison) -> str:
@@ -278,21 +259,7 @@ def _picture(path: Path) -> tuple[str, str]:
     content = read_bytes(path)
     if not content.startswith(b"\x89PNG\r\n\x1a\n"):
         raise DataError(f"{path} is not a PNG file, expected one to embed")
-    return f"{path.parent.name}: {path.stem.replace('_', ' ')}", _address("image/png", content)
-
-
-def _figure_address(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    if buffer.tell() <= LARGEST_VECTOR:
-        return _address("image/svg+xml", buffer.getvalue())
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return _address("image/png", buffer.getvalue())
-
-
-def _address(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+    return f"{path.parent.name}: {path.stem.replace('_', ' ')}", address("image/png", content)
 
 
 def _tables(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
