@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -57,6 +57,7 @@ QUANTITIES = {
     "activation": Quantity(word="Activation", kind="muscle", has_one_scale=True),
     "force": Quantity(word="Tendon force", kind="muscle"),
     "stability": Quantity(word="Stability", kind="stability row"),
+    "margin": Quantity(word="Stability margin", kind="stability row"),
     "reaction": Quantity(word="Joint reaction", kind="joint reaction"),
     "moment": Quantity(word="Moment", kind="coordinate"),
     "shortfall": Quantity(word="Shortfall", kind="row"),
@@ -167,8 +168,8 @@ def plot_quantity(
         if what.has_one_scale:
             _mark_saturated(axis, courses, panel, looks)
         else:
-            _widen(axis)
-        _shade_unstable(axis, series, panel)
+            widen(axis)
+        shade_unstable(axis, series, panel.members.values())
         if len(courses[-1].cycles) == 1:
             shade_failed(axis, courses[-1].x, np.isfinite(courses[-1].cycles[0]).any(axis=1))
         if are_tasks:
@@ -259,9 +260,9 @@ def _label(course: Course, side: str) -> str:
     return literal(f"{course.series.label}, {side}" if side else course.series.label)
 
 
-def _shade_unstable(axis: Axes, series: Sequence[Series], panel: Sided) -> None:
+def shade_unstable(axis: Axes, series: Sequence[Series], names: Iterable[str]) -> None:
     """Shade what is below the level, which is in view always."""
-    levels = {each.bound("level", name) for each in series for name in panel.members.values()}
+    levels = {each.bound("level", name) for name in names for each in series}
     for level in sorted(level for level in levels if np.isfinite(level)):
         axis.axhline(level, color=QUIET, linewidth=0.6, zorder=0.9)
         low, high = axis.get_ylim()
@@ -312,7 +313,7 @@ def _line(look: SeriesStyle) -> Line2D:
     return Line2D([], [], **line, linewidth=CURVE * look.weight)
 
 
-def _widen(panel: Axes) -> None:
+def widen(panel: Axes) -> None:
     """Keep round-off from filling a panel in which nothing happens."""
     low, high = panel.get_ylim()
     if high - low < _LEAST_RANGE:
