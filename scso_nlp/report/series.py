@@ -93,6 +93,42 @@ def read_series(
     return tuple(read[quantity](folder, result) for folder, result in pairs)
 
 
+def every_series(folder: Path, result: MotionResult) -> dict[str, Series]:
+    """Read all that the files of one result hold over time.
+
+    Parameters
+    ----------
+    folder : Path
+    result : MotionResult
+        Read from there.
+
+    Returns
+    -------
+    dict of str to Series
+        "activation", "force", the required "moment" and the "reserve moment"; where there are such rows
+        "stability"; where there are joint reactions "reaction", the resultant force of every joint.
+
+    Raises
+    ------
+    DataError
+        A file that every run writes is not there.
+    FileFormatError
+        Files that cannot be read, or that do not belong together.
+    """
+    required, _, reserves = MOMENT_PARTS
+    found = {
+        "activation": _activation(result),
+        "force": _force(folder, result),
+        "moment": _moment(folder, result, required),
+        "reserve moment": _moment(folder, result, reserves),
+    }
+    if result.stability_rows:
+        found["stability"] = _stability(folder, result)
+    if (folder / f"{result.name}_{_FILES['reaction'][0]}").is_file():
+        found["reaction"] = _resultants(_reaction(folder, result))
+    return found
+
+
 def telling_panels(quantity: str, series: Sequence[Series]) -> tuple[tuple[Sided, ...], tuple[str, ...]]:
     """Choose what is drawn where no names are chosen.
 
@@ -114,8 +150,7 @@ def telling_panels(quantity: str, series: Sequence[Series]) -> tuple[tuple[Sided
         # of one result the last are its reserves
         return folded(series[0], *(series[1:2] if series[-1].label == "reserves" else series[1:]))
     if quantity == "reaction":
-        joints = [[name for name in each.names if not _LOAD.search(name)] for each in series]
-        series = [each.only(names) for each, names in zip(series, joints, strict=True)]
+        series = [_resultants(each) for each in series]
     return most_telling(series), ()
 
 
@@ -154,6 +189,11 @@ def _reaction(folder: Path, result: MotionResult) -> Series:
     units = np.where(is_moment, "N·m", "BW" if weight else "N")
     values = found.values / np.where(is_moment, 1.0, weight or 1.0)
     return replace(found, units=tuple(units.tolist()), values=values)
+
+
+def _resultants(reactions: Series) -> Series:
+    """Keep the resultant forces of joints, without components."""
+    return reactions.only([name for name in reactions.names if not _LOAD.search(name)])
 
 
 def _moments(pairs: Sequence[tuple[Path, MotionResult]]) -> tuple[Series, ...]:

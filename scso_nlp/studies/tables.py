@@ -1,0 +1,72 @@
+"""Tables of a study as files: CSV for everybody, Parquet with exact numbers and types."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scso_nlp.exceptions import ScsoError
+from scso_nlp.files import write_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Significant digits in CSV files.
+DIGITS = 10
+
+
+def pandas() -> Any:
+    """Import pandas with what writes Parquet.
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    ScsoError
+        They are not installed.
+    """
+    try:
+        import pandas as pd
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise ScsoError(
+            "tables of studies need pandas and pyarrow, which are not installed: pip install "
+            "'scso_nlp[studies]'"
+        ) from None
+    return pd
+
+
+def write_frames(tables: Mapping[str, pd.DataFrame], folder: Path) -> tuple[Path, ...]:
+    """Write data frames, each as CSV and as Parquet, each file whole or not at all.
+
+    Parameters
+    ----------
+    tables : mapping of str to DataFrame
+        By the name of their files.
+    folder : Path
+        Exists.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    DataError
+        A file cannot be written.
+    """
+    files = []
+    for name, table in tables.items():
+        for ending, write in (
+            ("csv", functools.partial(table.to_csv, float_format=f"%.{DIGITS}g", lineterminator="\n")),
+            ("parquet", table.to_parquet),
+        ):
+            files.append(folder / f"{name}.{ending}")
+            with write_whole(files[-1]) as temporary:
+                write(temporary, index=False)
+    return tuple(files)
