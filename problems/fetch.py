@@ -132,6 +132,32 @@ BACK_LIFTING = DataSet(
     },
 )
 
+KNEE_IMPLANT = DataSet(
+    name="knee_implant",
+    repository="metinbicer/fmax_iso_sensitivity",
+    commit="d927caa3df0b21bda17a1971db80c1d5e478febb",
+    folder="",
+    license="GPL-3.0",
+    files={
+        "ExternalLoads.xml": "6d91f08ccd2e4f6935d702d6d25f383f897025fa502dea9f50687474cd69bb0a",
+        "ForceSet.xml": "2aae99b4962e6dfa8490721c60cc5e5ce167a4282d82ae39d64c5f26a2a5cf74",
+        "GC5_ss1.mot": "80cc67598eb926ed6a84c95b81fc9f2f19c9400f1c14eb5a5fd9f2d77573a06f",
+        "GC5_ss1_kinetics.mot": "cf8d2bf4fbda0cfb322f5d54fc8a7347e43132cc7a513ddcb1983970fdb19fc2",
+        "GC5_ss3.mot": "3d92cb14ef678eaa10b92f58c038699016d8dfd882774de5cebb957b3ed2f6c8",
+        "GC5_ss3_kinetics.mot": "61c2ee1f32e456ddb86cf2647929c6d5d1996d6e5d63ece99757549ba0e50d64",
+        "GC5_ss8.mot": "f0328f3ad2627070cdf76948758b4e05dc05ab68bc2fe3cfb75c177cefebe4de",
+        "GC5_ss8_kinetics.mot": "d4a9b8527c0bb938883edb814c7b3b734057a1ff72621ed9b9d9b65da8815c4e",
+        "Rajagopal2015-scaled.osim": "2f337232a3ad8757de63ceb8ee00e1f4b595ec54edaa30dcf69ee5fef863a88a",
+        "eTibia_data.mat": "5e073d90c579566c0ab73b27f0c3d07fb4ecfa7c40b9044b52f49ae91f2a8f3e",
+    },
+    origins={
+        **{file: f"0_xml/{file}" for file in ("ExternalLoads.xml", "ForceSet.xml")},
+        **{f"GC5_{trial}{kind}.mot": f"1_data/GC5_{trial}{kind}.mot"
+           for trial in ("ss1", "ss3", "ss8") for kind in ("", "_kinetics")},
+        "Rajagopal2015-scaled.osim": "2_models/Rajagopal2015-scaled.osim",
+    },
+)  # fmt: skip
+
 
 def fetch(data: DataSet, *, cache: str | os.PathLike[str] | None = None, base_url: str = BASE_URL) -> Path:
     """Make sure that all files of a data set are there, unchanged.

@@ -18,6 +18,7 @@ NAMES = sorted(path.parent.name for path in PROBLEMS.glob("*/problem.py"))
 QUICK = {
     "back_lifting": {"step_interval": 200},
     "gait_lower_limb": {"step_interval": 40},
+    "knee_implant": {"step_interval": 40},
     "walking_3d": {"step_interval": 400},
 }
 #: Activations of an interior-point answer to a tolerance of 1e-6 of the objective.
@@ -45,8 +46,8 @@ def with_q(problem, q):
 
 def test_the_problems_are_those_we_know_of():
     assert NAMES == [
-        "back_lifting", "elbow", "gait_lower_limb", "random_hessian", "spine_load_height", "spine_postures",
-        "walking_3d",
+        "back_lifting", "elbow", "gait_lower_limb", "knee_implant", "random_hessian", "spine_load_height",
+        "spine_postures", "walking_3d",
     ]  # fmt: skip
 
 

@@ -1,0 +1,130 @@
+"""Walking with an instrumented knee: what the left knee carries, beside what was measured."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.io import loadmat
+
+from problems.fetch import KNEE_IMPLANT, fetch, motion_cache
+from scso_nlp import CoordinateStability, MuscleForceProblem, Solution, static_optimization
+from scso_nlp.exceptions import NameMismatchError
+from scso_nlp.opensim.engine import load_motion
+from scso_nlp.validation import FloatArray
+
+#: Trials of the data set that are used.
+TRIALS = ("GC5_ss1", "GC5_ss3", "GC5_ss8")
+#: The joint that was replaced.
+KNEE = "walker_knee_l"
+#: Coordinates with stability rows: of the leg whose ground reaction is applied.
+COORDINATES = ("knee_angle_l", "ankle_angle_l")
+#: Price of missing stability [objective per N·m/rad]; with q = 40 nothing is missed.
+SOFT = 1.0
+#: Low-pass filter of the coordinates [Hz], that of the data's own scripts.
+CUTOFF = 6.0
+
+
+def make_problem(trial: str = "GC5_ss1", q: float = 40.0, step_interval: int = 1) -> MuscleForceProblem:
+    """Describe one gait cycle of the left leg with soft stability along knee and ankle.
+
+    Parameters
+    ----------
+    trial : str
+        One of `TRIALS`.
+    q : float [-]
+        Stiffness gain of all muscles.
+    step_interval : int
+        Take every n-th frame of the recording (120 per second).
+
+    Returns
+    -------
+    MuscleForceProblem
+        Without stability rows: ``make_problem().without_stability()``.
+
+    Raises
+    ------
+    NameMismatchError
+        No such trial.
+    DataError
+        The data cannot be fetched.
+    """
+    folder = _data(trial)
+    stability = CoordinateStability(q=q, coordinates=COORDINATES, soft=SOFT)
+    text = (folder / "ExternalLoads.xml").read_text(encoding="utf-8")
+    forces = (folder / f"{trial}_kinetics.mot").resolve()
+    with tempfile.TemporaryDirectory() as scratch:
+        loads = Path(scratch) / "loads.xml"
+        # the data's own names a file that is not there
+        loads.write_text(
+            re.sub("<datafile>.*?</datafile>", lambda _: f"<datafile>{forces}</datafile>", text),
+            encoding="utf-8",
+        )
+        motion = load_motion(
+            model=folder / "Rajagopal2015-scaled.osim",
+            coordinates=folder / f"{trial}.mot",
+            external_loads=loads,
+            actuators=(folder / "ForceSet.xml",),
+            lowpass_cutoff_frequency=CUTOFF,
+            step_interval=step_interval,
+            keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
+            joint_reactions=(KNEE,),
+            prepare_for=[stability],
+            name=trial,
+            cache=motion_cache(),
+        )
+    plain = static_optimization(motion)
+    return replace(plain, constraints=(*plain.constraints, stability))
+
+
+def contact_force(solution: Solution) -> FloatArray:
+    """Give the length of the force between femur and tibia, at every per cent of the cycle.
+
+    Parameters
+    ----------
+    solution : Solution
+
+    Returns
+    -------
+    ndarray, shape (101,) [N]
+        NaN beside frames that are not solved.
+    """
+    time = solution.problem.motion.trajectory.time
+    force = np.where(solution.is_solved, solution.joint_reactions([KNEE]).resultant[:, 0], np.nan)
+    return np.interp(np.linspace(time[0], time[-1], 101), time, force)
+
+
+def measured_force(trial: str = "GC5_ss1") -> FloatArray:
+    """Give the length of the force that the implant measured, at every per cent of the cycle.
+
+    Parameters
+    ----------
+    trial : str
+        One of `TRIALS`.
+
+    Returns
+    -------
+    ndarray, shape (101,) [N]
+
+    Raises
+    ------
+    NameMismatchError
+        No such trial.
+    DataError
+        The data cannot be fetched.
+    """
+    content = loadmat(_data(trial) / "eTibia_data.mat", simplify_cells=True)
+    recorded = content["eTibia_data"]["GC5"]["ngait_og"]
+    columns = [str(name) for name in recorded["colheaders"]]
+    names = [str(name) for name in recorded["trial_names"]]
+    (position,) = (i for i, name in enumerate(names) if f"_{trial.removeprefix('GC5_')}." in name)
+    return np.array(recorded["data"][:, columns.index("F_total_magnitude"), position], dtype=float)
+
+
+def _data(trial: str) -> Path:
+    if trial not in TRIALS:
+        raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
+    return fetch(KNEE_IMPLANT)
