@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
+
+from scso_nlp.io.storage import read_storage, write_storage
 
 #: One CoordinateActuator, without bounds.
 RESERVE = """<CoordinateActuator name="{name}_reserve"><min_control>-Inf</min_control>
@@ -29,10 +33,11 @@ SETUP = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def write_setups(data: Path, folder: Path) -> list[Path]:
-    """Write setups for the third-party data that have none, and two of our own.
+    """Write setups for the third-party data that have none, and three of our own.
 
-    A knee that leaves its range, and a public model without its muscles: outside the ForceSet, these make
-    OpenSim's static optimization read memory that it has not written.
+    Knees that leave their range; patellas in radians, where the data have degrees that OpenSim takes for
+    radians and its assembly has to move; and a public model without its muscles: outside the ForceSet, these
+    make OpenSim's static optimization read memory that it has not written.
 
     Parameters
     ----------
@@ -65,16 +70,17 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
         )
     text = (implant / "ExternalLoads.xml").read_text(encoding="utf-8")
     model = implant / "Rajagopal2015-scaled.osim"
-    for trial, changed in (("GC5_ss1", ""), ("GC5_ss3", ""), ("GC5_ss8", ""), ("GC5_ss1", "clamped_")):
+    changes = ("GC5_ss1", "clamped_"), ("GC5_ss1", "agreeing_")
+    for trial, changed in (("GC5_ss1", ""), ("GC5_ss3", ""), ("GC5_ss8", ""), *changes):
         loads = re.sub(
             "<datafile>.*?</datafile>", f"<datafile>{implant / trial}_kinetics.mot</datafile>", text
         )
-        made = folder / f"knee_implant_{changed}{trial}"
+        made, motion = folder / f"knee_implant_{changed}{trial}", implant / f"{trial}.mot"
         found.append(
             _write(
                 made,
-                model=_with_narrow_knees(model, made) if changed else model,
-                motion=implant / f"{trial}.mot",
+                model=_with_narrow_knees(model, made) if changed == "clamped_" else model,
+                motion=_in_radians(motion, made) if changed == "agreeing_" else motion,
                 loads=loads,
                 actuators=(implant / "ForceSet.xml").read_text(encoding="utf-8"),
                 start=0.3,
@@ -143,6 +149,15 @@ def _reserves(model: Path, force: float = 10.0) -> str:
         '<?xml version="1.0" encoding="UTF-8"?><OpenSimDocument Version="40600"><ForceSet name="reserves">'
         f"<objects>{reserves}</objects></ForceSet></OpenSimDocument>"
     )
+
+
+def _in_radians(motion: Path, folder: Path) -> Path:
+    """Copy a motion whose coupled columns, which no header turns into radians, are in degrees."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table = read_storage(motion)
+    scale = [math.radians(1) if label.endswith("_beta") else 1.0 for label in table.labels]
+    write_storage(replace(table, values=table.values * scale), folder / motion.name)
+    return folder / motion.name
 
 
 def _with_narrow_knees(model: Path, folder: Path) -> Path:

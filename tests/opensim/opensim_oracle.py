@@ -165,31 +165,6 @@ def carried(question):
     np.savez(question["output"], reactions=np.array(result))
 
 
-def joint_reactions(question):
-    """Run JointReaction on a setup file with given forces, on either body in every frame."""
-    tool = opensim.AnalyzeTool(question["setup"])
-    model = tool.getModel()
-    for i in range(model.getAnalysisSet().getSize()):
-        model.getAnalysisSet().get(i).setOn(False)
-    for on, frame in question["places"]:
-        analysis = opensim.JointReaction(model)
-        analysis.setName(f"{on}_{frame}")
-        analysis.setForcesFileName(question["forces"])
-        for choose, word in (
-            (analysis.setJointNames, "ALL"),
-            (analysis.setOnBody, on),
-            (analysis.setInFrame, frame),
-        ):
-            words = opensim.ArrayStr()
-            words.append(word)
-            choose(words)
-        model.addAnalysis(analysis)
-    tool.setResultsDir(question["results"])
-    # 8 digits after the point by default
-    tool.setOutputPrecision(12)
-    tool.run()
-
-
 def main():
     """Answer the question given as JSON on the command line."""
     question = json.loads(sys.argv[1])
@@ -203,7 +178,6 @@ def main():
         "prepared": prepared,
         "loads": loads,
         "carried": carried,
-        "joint reactions": joint_reactions,
     }[question["kind"]](question)
 
 
