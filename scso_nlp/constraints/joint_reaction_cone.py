@@ -26,26 +26,16 @@ class JointReactionCone(JointReactionConstraint):
 
     Attributes
     ----------
-    joints : sequence of str or None
-        Names or patterns; None for all joints that the motion was read with.
     axis : sequence of float, shape (3,) [-]
-        n, of any length, in `frame`: where the force should point, on the parent into the socket.
+        n, of any length, in `frame`, here the parent's by default: where the force on it should point, i.e.
+        into the socket.
     slope : float [-]
         Largest shear over compression: the tangent of the cone's half angle.
-    on, frame
-        Body that the force acts on, and frame of `axis`, as for :meth:`Solution.joint_reactions`.
-    soft : float or None [objective per N]
-        If given, shear may exceed it at this price; the amounts are in
-        ``solution.variables["<name>.missed"]``.
-    label : str
-        Name in reports, needed where a problem has two of these.
 
     Raises
     ------
     ProblemError
-        An axis without length, a slope or price that is not positive; a motion read without joint reactions.
-    NameMismatchError
-        An unknown joint.
+        An axis without length, a slope that is not positive.
 
     References
     ----------

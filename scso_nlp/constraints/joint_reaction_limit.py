@@ -36,24 +36,14 @@ class JointReactionLimit(JointReactionConstraint):
         Of the length of each joint's force, for all joints or by name or pattern; joints not named have
         none. Text is a multiple of the model's weight.
     components : mapping of str to float or text, or None [N]
-        Largest magnitude by ``"<joint>_<fx|fy|fz>"`` or pattern.
-    joints : sequence of str or None
-        Names or patterns; None for all joints that the motion was read with.
-    on, frame
-        For `components`: body and frame, as for :meth:`Solution.joint_reactions`.
-    soft : float or None [objective per N]
-        If given, limits may be exceeded at this price; the amounts are in
-        ``solution.variables["<name>.missed"]``.
-    label : str
-        Name in reports, needed where a problem has two of these.
+        Largest magnitude by ``"<joint>_<fx|fy|fz>"`` or pattern, on the body and in the frame that are named.
 
     Raises
     ------
     ProblemError
-        A limit that is not above 1 N or 0 body weights, a price that is not positive; no limit at all; a
-        motion read without joint reactions.
+        A limit that is not above 1 N or 0 body weights; no limit at all.
     NameMismatchError
-        An unknown joint or component.
+        An unknown component.
 
     Examples
     --------
