@@ -63,6 +63,12 @@ from .overview.info import info as info
 from .problem import MuscleForceProblem as MuscleForceProblem
 from .report.results import write_solution as write_solution
 from .run import solve as solve
+from .sensitivities import Gradient as Gradient
+from .sensitivities import Parameter as Parameter
+from .sensitivities import Regularity as Regularity
+from .sensitivities import Sensitivity as Sensitivity
+from .sensitivities import adjoint_sensitivity as adjoint_sensitivity
+from .sensitivities import sensitivity as sensitivity
 from .solution import InfeasibilityProof as InfeasibilityProof
 from .solution import MatrixResult as MatrixResult
 from .solution import MomentBalance as MomentBalance

@@ -6,9 +6,9 @@ the solver, a frame index or a scaling.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -39,6 +39,10 @@ class Term:
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give data per frame, each of shape (n_frames, …), for ``frame.data``; none by default."""
         return {}
+
+    def unseen(self, motion: Motion) -> tuple[str, ...]:
+        """Name constants of muscles that the term's data depend on without a symbol; none by default."""
+        return ()
 
     def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say in sentences what a user should know of the choices made, once per solve; none by default."""
@@ -94,6 +98,11 @@ class MuscleState:
     cos_pennation_angle: ca.SX | None = None
 
 
+def as_number(name: str, values: Any) -> ca.DM:
+    """Give a constant as the numbers it has."""
+    return ca.DM(values)
+
+
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Frame:
@@ -119,6 +128,9 @@ class Frame:
         Unknowns that this term asked for.
     data : mapping of str to ca.SX
         Per-frame data that this term asked for.
+    constant : callable
+        Takes the name and the values of a constant of the term, gives a column: these numbers, or a symbol
+        that stands for them where a sensitivity to them is asked for.
     """
 
     activation: ca.SX
@@ -131,6 +143,7 @@ class Frame:
     muscle: MuscleState
     variables: Mapping[str, ca.SX] = field(default_factory=dict)
     data: Mapping[str, ca.SX] = field(default_factory=dict)
+    constant: Callable[[str, Any], Any] = as_number
 
 
 @dataclass(frozen=True, kw_only=True)

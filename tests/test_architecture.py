@@ -59,6 +59,7 @@ LAYERS = (
     "verdict",
     "solution",
     "solver",
+    "sensitivities",
     "contributions",
     "io",
     "opensim",
@@ -209,9 +210,9 @@ def test_no_circle_of_files():
     assert sorted(graph) == [], "these files stand in a circle, or above one"
 
 
-def test_only_the_solver_and_the_list_of_public_names_know_the_transcription():
+def test_only_solver_sensitivities_and_the_list_of_public_names_know_the_transcription():
     knowing = {p for p in FILES if any(room(m) == "transcription" for m in imported_modules(p))}
-    assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solver"}
+    assert {room(module_name(p)) for p in knowing} <= {"", "transcription", "solver", "sensitivities"}
 
 
 #: Modules that a process with CasADi cannot import.

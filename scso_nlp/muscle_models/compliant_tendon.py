@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError, ProblemError
-from scso_nlp.frame import Frame, MuscleState, Rows, VariableSpec
+from scso_nlp.frame import Frame, MuscleState, Rows, VariableSpec, as_number
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.curves import on_arrays
 from scso_nlp.muscle_models.equilibrium import equilibrium_residual, solve_equilibrium
 from scso_nlp.muscle_models.force import tendon_force
 from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
-from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
+from scso_nlp.muscle_models.muscle_classes import DIFFERENTIABLE, MuscleGroup, muscle_groups
 from scso_nlp.muscle_models.muscle_model import MuscleModel
 from scso_nlp.muscle_models.pennation import fiber_length_of, fiber_width
 from scso_nlp.muscle_models.rigid_tendon import rigid_fiber_data, rigid_fiber_state
@@ -179,17 +179,23 @@ class CompliantTendon(MuscleModel):
             notes.append(f"tendons without an elastic curve are rigid: {', '.join(rigid)}")
         return tuple(notes)
 
+    def unseen(self, motion: Motion) -> tuple[str, ...]:
+        """Lengths and forces of fibers at rest are numbers."""
+        return DIFFERENTIABLE if "is_free" in self.data(motion) else ()
+
     def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force and fiber length of one frame."""
-        split, n = _split(motion.muscles), motion.muscles.n_muscles
+        split, n = _split(motion.muscles, frame.constant), motion.muscles.n_muscles
         force, passive, fiber_length, cosine = (ca.SX(n, 1) for _ in range(4))
         if split.rigid:
             rigid = rigid_fiber_state(frame, split.rigid)
+            assert rigid.fiber_length is not None
+            assert rigid.cos_pennation_angle is not None
             for group in split.rigid:
                 where = group.positions.tolist()
                 force[where], passive[where] = rigid.tendon_force[where], rigid.passive_force[where]
-                fiber_length[where] = frame.data["fiber_length"][where]
-                cosine[where] = frame.data["cos_pennation_angle"][where]
+                fiber_length[where] = rigid.fiber_length[where]
+                cosine[where] = rigid.cos_pennation_angle[where]
         for group in split.elastic:
             where = group.positions.tolist()
             muscle, curves = group.muscle, group.muscle.curves
@@ -210,7 +216,7 @@ class CompliantTendon(MuscleModel):
 
     def rows(self, frame: Frame, motion: Motion) -> Rows | None:
         """Two rows per elastic tendon over F0: fiber against tendon, tendon curve against its force."""
-        split = _split(motion.muscles)
+        split = _split(motion.muscles, frame.constant)
         if not split.elastic:
             return None
         balance, curve = (ca.SX(motion.muscles.n_muscles, 1) for _ in range(2))
@@ -304,7 +310,7 @@ def _fibers_and_tendons(frame: Frame, motion: Motion, elastic: list[int]) -> dic
     """Fiber lengths [m], and strain of the tendons, which is zero where they are rigid [-]."""
     fiber_length, cosine = frame.muscle.fiber_length, frame.muscle.cos_pennation_angle
     assert fiber_length is not None
-    slack = ca.DM(motion.muscles.tendon_slack_length)
+    slack = frame.constant("tendon_slack_length", motion.muscles.tendon_slack_length)
     strain = ca.SX(motion.muscles.n_muscles, 1)
     tendon = frame.muscle_tendon_length - fiber_length * cosine
     strain[elastic] = tendon[elastic] / slack[elastic] - 1
@@ -356,10 +362,10 @@ class _Split(NamedTuple):
         return [int(i) for i in np.searchsorted(self.positions, group.positions)]
 
 
-def _split(parameters: MuscleParameters) -> _Split:
+def _split(parameters: MuscleParameters, constant: Callable[[str, Any], Any] = as_number) -> _Split:
     elastic: list[MuscleGroup] = []
     rigid: list[MuscleGroup] = []
-    for group in muscle_groups(parameters):
+    for group in muscle_groups(parameters, constant):
         ignored = np.array(
             [
                 bool(parameters.curve_parameters[m].get("ignore_tendon_compliance", 0.0))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError
+from scso_nlp.frame import as_number
 from scso_nlp.muscle_models.degroote2016 import DeGroote2016Curves
 from scso_nlp.muscle_models.hill_muscle import HillCurves, HillMuscle
 from scso_nlp.muscle_models.millard2012 import Millard2012Curves
@@ -38,6 +39,11 @@ class MuscleGroup(NamedTuple):
     positions: IntArray  #: where they stand among the model's muscles, shape (n_group,)
     muscle: HillMuscle  #: their constants, as columns of shape (n_group,)
 
+    @property
+    def is_symbolic(self) -> bool:
+        """True if some constant is a symbol, so that what was computed of it is to be written down again."""
+        return any(isinstance(getattr(self.muscle, name), ca.SX) for name in DIFFERENTIABLE)
+
 
 def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
     """Find the curves of an OpenSim muscle class.
@@ -64,13 +70,21 @@ def curves_of(opensim_class: str, muscle: str = "?") -> HillCurves:
     return MUSCLE_CLASSES[opensim_class]
 
 
-def muscle_groups(parameters: MuscleParameters) -> tuple[MuscleGroup, ...]:
+#: Constants of muscles that sensitivities may be asked for; `frame.constant` gives their columns.
+DIFFERENTIABLE = ("max_isometric_force", "optimal_fiber_length", "tendon_slack_length")
+
+
+def muscle_groups(
+    parameters: MuscleParameters, constant: Callable[[str, Any], Any] = as_number
+) -> tuple[MuscleGroup, ...]:
     """Sort the muscles of a model by class and check their constants.
 
     Parameters
     ----------
     parameters : MuscleParameters
         As read from the model.
+    constant : callable
+        Gives the columns of constants, as ``frame.constant`` does; numbers by default.
 
     Returns
     -------
@@ -86,10 +100,14 @@ def muscle_groups(parameters: MuscleParameters) -> tuple[MuscleGroup, ...]:
     for m, (name, opensim_class) in enumerate(zip(parameters.muscles, parameters.muscle_class, strict=True)):
         curves_of(opensim_class, name)
         members.setdefault(opensim_class, []).append(m)
-    return tuple(_group(parameters, c, np.array(where, dtype=np.int64)) for c, where in members.items())
+    return tuple(
+        _group(parameters, c, np.array(where, dtype=np.int64), constant) for c, where in members.items()
+    )
 
 
-def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) -> MuscleGroup:
+def _group(
+    parameters: MuscleParameters, opensim_class: str, where: IntArray, constant: Callable[[str, Any], Any]
+) -> MuscleGroup:
     curves = MUSCLE_CLASSES[opensim_class]
     angle, slack = parameters.pennation_angle_at_optimal, parameters.tendon_slack_length
     fastest = parameters.max_contraction_velocity
@@ -113,9 +131,7 @@ def _group(parameters: MuscleParameters, opensim_class: str, where: IntArray) ->
     ]
     muscle = HillMuscle(
         curves=curves,
-        max_isometric_force=ca.DM(parameters.max_isometric_force[where]),
-        optimal_fiber_length=ca.DM(parameters.optimal_fiber_length[where]),
-        tendon_slack_length=ca.DM(slack[where]),
+        **{name: constant(name, getattr(parameters, name))[where.tolist()] for name in DIFFERENTIABLE},
         pennation_angle_at_optimal=ca.DM(angle[where]),
         max_contraction_velocity=ca.DM(fastest[where]),
         curve_parameters={name: ca.DM([s[name] for s in shapes]) for name in curves.DEFAULT_CURVE_PARAMETERS},

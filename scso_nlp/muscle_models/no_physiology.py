@@ -33,7 +33,7 @@ class NoPhysiology(MuscleModel):
 
     def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force of one frame."""
-        strength = ca.DM(motion.muscles.max_isometric_force)
+        strength = frame.constant("max_isometric_force", motion.muscles.max_isometric_force)
         return MuscleState(
             tendon_force=strength * frame.activation,
             passive_force=ca.SX.zeros(motion.muscles.n_muscles, 1),

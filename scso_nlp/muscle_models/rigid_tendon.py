@@ -25,6 +25,9 @@ from scso_nlp.validation import BoolArray, FloatArray
 
 _LOG = logging.getLogger("scso_nlp")
 
+#: What :func:`rigid_fiber_data` gives.
+_FIBER_DATA = ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity")
+
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -108,11 +111,17 @@ class RigidTendon(MuscleModel):
     def state(self, frame: Frame, motion: Motion) -> MuscleState:
         """Tendon force of one frame."""
         if self.convention == "opensim":
-            nothing = ca.SX.zeros(motion.muscles.n_muscles, 1)
-            return MuscleState(
-                tendon_force=frame.data["active_force"] * frame.activation, passive_force=nothing
+            strength = motion.muscles.max_isometric_force
+            capacity = frame.data["active_force"] * (
+                frame.constant("max_isometric_force", strength) / ca.DM(strength)
             )
-        return rigid_fiber_state(frame, muscle_groups(motion.muscles))
+            nothing = ca.SX.zeros(motion.muscles.n_muscles, 1)
+            return MuscleState(tendon_force=capacity * frame.activation, passive_force=nothing)
+        return rigid_fiber_state(frame, muscle_groups(motion.muscles, frame.constant))
+
+    def unseen(self, motion: Motion) -> tuple[str, ...]:
+        """OpenSim's capacities are numbers; that they are proportional to F0 is all that is known."""
+        return ("optimal_fiber_length", "tendon_slack_length") if self.convention == "opensim" else ()
 
 
 def rigid_fiber_data(
@@ -149,12 +158,11 @@ def rigid_fiber_data(
     DataError
         A path is too short for its tendon and `short_fibers` is ``"refuse"``.
     """
-    names = ("active_force", "passive_force", "fiber_length", "cos_pennation_angle", "fiber_velocity")
-    data = {name: np.zeros(velocity.shape) for name in names}
+    data = {name: np.zeros(velocity.shape) for name in _FIBER_DATA}
     for group in groups:
         where = group.positions
         parts = _evaluate(group, motion, velocity[:, where], short_fibers)
-        for name, values in zip(names, parts, strict=True):
+        for name, values in zip(_FIBER_DATA, parts, strict=True):
             data[name][:, where] = values
     if passive_force == "left_out":
         data["passive_force"][:] = 0.0
@@ -184,8 +192,11 @@ def rigid_fiber_state(frame: Frame, groups: Sequence[MuscleGroup]) -> MuscleStat
     -------
     MuscleState
     """
-    data = frame.data
+    data = {name: ca.SX(frame.data[name]) for name in _FIBER_DATA}
     effective = ca.SX(frame.activation)
+    for group in groups:
+        if group.is_symbolic:
+            _write_down(data, frame, group)
     for group in groups:
         if _depends_on_activation(group):
             where = group.positions.tolist()
@@ -211,6 +222,23 @@ def _report_pushing(force: FloatArray, muscles: MuscleParameters) -> None:
             -force.min(),
             ", ".join(names),
         )
+
+
+def _write_down(data: dict[str, ca.SX], frame: Frame, group: MuscleGroup) -> None:
+    """Put expressions in the place of the numbers of a group whose constants are symbols.
+
+    Fibers that are silent, and passive forces that are left out, stay zero.
+    """
+    where, muscle = group.positions.tolist(), group.muscle
+    length = frame.muscle_tendon_length[where]
+    velocity = frame.data["fiber_velocity"][where] / frame.data["cos_pennation_angle"][where]
+    active, _ = rigid_tendon_force_parts(muscle, length, 0 if _depends_on_activation(group) else velocity)
+    _, passive = rigid_tendon_force_parts(muscle, length, velocity)
+    is_active, is_passive = (frame.data[name][where] != 0 for name in ("active_force", "passive_force"))
+    fiber = rigid_tendon_fiber(muscle, length, velocity)
+    values = (active * is_active, passive * is_passive, *fiber)
+    for name, value in zip(_FIBER_DATA, values, strict=True):
+        data[name][where] = value
 
 
 def _depends_on_activation(group: MuscleGroup) -> bool:

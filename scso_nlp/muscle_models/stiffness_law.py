@@ -19,7 +19,7 @@ from scso_nlp.exceptions import NameMismatchError, ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.curves import on_arrays
-from scso_nlp.muscle_models.hill_muscle import repeat_over_frames
+from scso_nlp.muscle_models.hill_muscle import HillMuscle, repeat_over_frames
 from scso_nlp.muscle_models.muscle_classes import MuscleGroup, muscle_groups
 from scso_nlp.muscle_models.pennation import clamped_rigid_tendon_fiber
 from scso_nlp.muscle_models.stiffness import (
@@ -104,7 +104,7 @@ class ProportionalStiffness(StiffnessLaw):
 
     def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle, affine in force."""
-        gains = ca.DM(self.gains(motion.trajectory.muscles))
+        gains = frame.constant("q", self.gains(motion.trajectory.muscles))
         return gains * frame.muscle.tendon_force / frame.muscle_tendon_length
 
 
@@ -161,9 +161,10 @@ class ShortRangeStiffness(StiffnessLaw):
 
     def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle [N/m]."""
-        fiber_length, cosine = _fibers(frame)
+        groups = muscle_groups(motion.muscles, frame.constant)
+        fiber_length, cosine = _fibers(frame, groups)
         stiffness = ca.SX(motion.muscles.n_muscles, 1)
-        for group in muscle_groups(motion.muscles):
+        for group in groups:
             where = group.positions.tolist()
             stiffness[where] = short_range_stiffness(
                 group.muscle,
@@ -213,9 +214,10 @@ class FiberStiffness(StiffnessLaw):
 
     def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle [N/m]."""
-        fiber_length, cosine = _fibers(frame)
+        groups = muscle_groups(motion.muscles, frame.constant)
+        fiber_length, cosine = _fibers(frame, groups)
         stiffness = ca.SX(motion.muscles.n_muscles, 1)
-        for group in muscle_groups(motion.muscles):
+        for group in groups:
             where = group.positions.tolist()
             muscle, force = group.muscle, frame.muscle.tendon_force[where]
             velocity = frame.muscle_tendon_velocity[where] * cosine[where]
@@ -243,19 +245,30 @@ def _rigid_fibers(motion: Motion) -> dict[str, FloatArray]:
 
 
 def _rigid_fibers_of(group: MuscleGroup, length: FloatArray) -> tuple[FloatArray, FloatArray]:
-    muscle = repeat_over_frames(group.muscle, len(length))
-    limits = muscle.curve_parameters
-    if "maximum_pennation_angle" not in limits:
-        limits = {**limits, "maximum_pennation_angle": math.acos(0.1)}
-        muscle = replace(muscle, curve_parameters=limits)
+    muscle = _with_largest_angle(repeat_over_frames(group.muscle, len(length)))
     fiber = on_arrays(lambda x: clamped_rigid_tendon_fiber(muscle, x, 0.0).fiber_length, length)
     cosine = on_arrays(lambda x: clamped_rigid_tendon_fiber(muscle, x, 0.0).cos_pennation_angle, length)
     optimal = np.asarray(ca.DM(group.muscle.optimal_fiber_length)).ravel()
     return np.maximum(fiber, _SHORTEST_FIBER * optimal), cosine
 
 
-def _fibers(frame: Frame) -> tuple[ca.SX, ca.SX]:
+def _with_largest_angle(muscle: HillMuscle) -> HillMuscle:
+    limits = muscle.curve_parameters
+    if "maximum_pennation_angle" in limits:
+        return muscle
+    return replace(muscle, curve_parameters={**limits, "maximum_pennation_angle": math.acos(0.1)})
+
+
+def _fibers(frame: Frame, groups: Sequence[MuscleGroup]) -> tuple[ca.SX, ca.SX]:
     """Fiber length and cosine of pennation: the muscle model's, or those of a rigid tendon."""
     if frame.muscle.fiber_length is not None and frame.muscle.cos_pennation_angle is not None:
         return frame.muscle.fiber_length, frame.muscle.cos_pennation_angle
-    return frame.data["rigid_fiber_length"], frame.data["rigid_cos_pennation"]
+    length, cosine = (ca.SX(frame.data[name]) for name in ("rigid_fiber_length", "rigid_cos_pennation"))
+    for group in groups:
+        if group.is_symbolic:
+            where = group.positions.tolist()
+            muscle = _with_largest_angle(group.muscle)
+            fiber = clamped_rigid_tendon_fiber(muscle, frame.muscle_tendon_length[where], 0.0)
+            length[where] = ca.fmax(fiber.fiber_length, _SHORTEST_FIBER * muscle.optimal_fiber_length)
+            cosine[where] = fiber.cos_pennation_angle
+    return length, cosine

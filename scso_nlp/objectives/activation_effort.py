@@ -122,6 +122,12 @@ class ActivationEffort(FrameObjective):
             return by_name("muscle or actuator", self.weights, names, default=1.0)
         return weights
 
+    def unseen(self, motion: Motion) -> tuple[str, ...]:
+        """Weights by size are numbers."""
+        if self.weights == "volume":
+            return ("max_isometric_force", "optimal_fiber_length")
+        return ("max_isometric_force",) if self.weights == "pcsa" else ()
+
     def variables(self, motion: Motion) -> tuple[VariableSpec, ...]:
         """Largest effort for min/max; both signs of controls apart where the power has no curvature at 0."""
         if math.isinf(self.exponent):
@@ -140,15 +146,16 @@ class ActivationEffort(FrameObjective):
         """Effort of one frame."""
         n_muscles = frame.activation.numel()
         weights = frame.data["weights"]
+        exponent = frame.constant("exponent", [self.exponent])
         if math.isinf(self.exponent):
             return frame.variables["largest"]
         effort = ca.SX(0)
         if n_muscles:
-            effort += ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent))
+            effort += ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent, exponent))
         if frame.control.numel():
             parts = frame.variables
             size = parts["pull"] + parts["push"] if self.exponent < 2 else frame.control
-            effort += ca.dot(weights[n_muscles:], _power(size, self.exponent))
+            effort += ca.dot(weights[n_muscles:], _power(size, self.exponent, exponent))
         return effort
 
     def efforts(
@@ -201,8 +208,15 @@ class ActivationEffort(FrameObjective):
         return replace(self, exponent=max(2.0, self.exponent / 2))
 
 
-def _power(size: ca.SX, exponent: float) -> ca.SX:
-    """|size|^p; with the modulus its first and second derivatives are finite at 0 for p >= 2."""
+def _power(size: ca.SX, exponent: float, symbol: ca.DM | ca.SX) -> ca.SX:
+    """|size|^p; with the modulus its first and second derivatives are finite at 0 for p >= 2.
+
+    A symbol that stands for the exponent adds what is zero for its number: derivatives by it are not zero.
+    """
+    if isinstance(symbol, ca.SX):
+        at_zero = size == 0
+        other = ca.fabs(ca.if_else(at_zero, 1.0, size))
+        return _power(size, exponent, ca.DM(exponent)) + (1 - at_zero) * (other**symbol - other**exponent)
     if exponent == 1:
         return size
     if exponent == 2:

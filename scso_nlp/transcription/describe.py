@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -15,6 +15,7 @@ from scso_nlp.objectives.objective import FrameObjective, FramePairObjective
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.layout import (
     ABOUT_SYMBOLS,
+    Constants,
     Layout,
     collect_data,
     make_layout,
@@ -137,18 +138,23 @@ class FrameProgram:
         return self.layout.rows("lower", n) / scale, self.layout.rows("upper", n) / scale
 
 
-def describe(problem: MuscleForceProblem) -> FrameProgram:
-    """Ask every term for its expressions on the symbols of one frame or of two."""
-    return _Description(problem).program()
+def describe(problem: MuscleForceProblem, differentiated: Set[str] = frozenset()) -> FrameProgram:
+    """Ask every term for its expressions on the symbols of one frame or of two.
+
+    Constants with the names in `differentiated` are symbols too; their numbers are among the arrays.
+    """
+    return _Description(problem, differentiated).program()
 
 
 class _Description:
     """A description under way: unknowns for what may be missed are added as terms ask for them."""
 
-    def __init__(self, problem: MuscleForceProblem) -> None:
-        self.problem = problem
+    def __init__(self, problem: MuscleForceProblem, differentiated: Set[str]) -> None:
+        self.problem, self.constants = problem, Constants(differentiated)
         self.layout, self.arrays = make_layout(problem), collect_data(problem)
-        self.now, self.later = (make_symbols(self.layout, self.arrays, suffix) for suffix in ("", "_next"))
+        self.now, self.later = (
+            make_symbols(self.layout, self.arrays, self.constants, suffix) for suffix in ("", "_next")
+        )
         self.unknowns = (self.now.unknowns, self.later.unknowns)
         self.dt = ca.SX.sym("dt")
         if problem.coupled_terms:
@@ -190,6 +196,7 @@ class _Description:
             with named_faults(f"constraint {seen.name}"):
                 rows = seen.rows(self.now.for_term(seen.name, frame), motion)
             observed.append((seen.name, _rows(seen.name, rows)))
+        self.arrays |= self.constants.arrays(motion.n_frames)
         missed = [self._may_be_missed(name, rows, is_pair, costs) for name, rows, is_pair in answers]
 
         blocks: list[RowBlock] = []
@@ -228,6 +235,11 @@ class _Description:
             (offset, key, symbol)
             for offset, symbols in enumerate(offsets)
             for key, symbol in symbols.data.items()
+            if ca.depends_on(expression, symbol)
+        ]
+        wanted += [
+            (0, key, symbol)
+            for key, symbol in self.constants.symbols.items()
             if ca.depends_on(expression, symbol)
         ]
         if is_pair and ca.depends_on(expression, self.dt):

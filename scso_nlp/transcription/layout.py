@@ -8,14 +8,15 @@ from __future__ import annotations
 import contextlib
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Set
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import DataError, ProblemError, ScsoError
-from scso_nlp.frame import Frame, MuscleState, VariableSpec
+from scso_nlp.frame import Frame, MuscleState, VariableSpec, as_number
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.validation import FloatArray
 
@@ -175,6 +176,33 @@ def _check_spec(owner: str, spec: VariableSpec, n_frames: int) -> None:
             raise ProblemError(f"{what} {where} is {getattr(spec, what)}, expected numbers that are {rule}")
 
 
+class Constants:
+    """Constants that terms ask for: numbers, but symbols where they have one of the given names."""
+
+    def __init__(self, differentiated: Set[str] = frozenset()) -> None:
+        self.differentiated = differentiated
+        self.symbols: dict[tuple[str, str], ca.SX] = {}
+        self.values: dict[tuple[str, str], FloatArray] = {}
+
+    def of(self, owner: str) -> Callable[[str, Any], Any]:
+        """Make what a term asks for its constants, see :class:`Frame`."""
+
+        def constant(name: str, values: Any) -> Any:
+            if name not in self.differentiated:
+                return as_number(name, values)
+            key = (owner, name)
+            if key not in self.symbols:
+                self.values[key] = np.ravel(np.asarray(values, dtype=float))
+                self.symbols[key] = ca.SX.sym(name, self.values[key].size)
+            return self.symbols[key]
+
+        return constant
+
+    def arrays(self, n_frames: int) -> dict[tuple[str, str], FloatArray]:
+        """Numbers for the symbols, frames first."""
+        return {key: np.broadcast_to(values, (n_frames, values.size)) for key, values in self.values.items()}
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameSymbols:
     """Symbols of one frame and the numbers that go into them.
@@ -186,11 +214,14 @@ class FrameSymbols:
         The solver's unknowns: each is the physical one divided by its scale.
     data : mapping of (owner, name) to ca.SX
         Symbols of the given quantities.
+    constants : Constants
+        The same for all frames.
     """
 
     layout: Layout
     unknowns: ca.SX
     data: Mapping[tuple[str, str], ca.SX]
+    constants: Constants = field(default_factory=Constants)
 
     def frame(self, problem: MuscleForceProblem) -> Frame:
         """Make the frame that the muscle model has completed."""
@@ -223,15 +254,16 @@ class FrameSymbols:
     def _for(self, owner: str, frame: Frame) -> Frame:
         variables = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == owner}
         data = {name: symbol for (own, name), symbol in self.data.items() if own == owner}
-        return replace(frame, variables=variables, data=data)
+        return replace(frame, variables=variables, data=data, constant=self.constants.of(owner))
 
 
 def make_symbols(
-    layout: Layout, arrays: Mapping[tuple[str, str], FloatArray], suffix: str = ""
+    layout: Layout, arrays: Mapping[tuple[str, str], FloatArray], constants: Constants, suffix: str = ""
 ) -> FrameSymbols:
     """Create the symbols of one frame for the given data arrays (frames first)."""
     data = {key: ca.SX.sym(f"{key[1]}{suffix}", *_shape(array)) for key, array in arrays.items()}
-    return FrameSymbols(layout=layout, unknowns=ca.SX.sym(f"x{suffix}", layout.size), data=data)
+    unknowns = ca.SX.sym(f"x{suffix}", layout.size)
+    return FrameSymbols(layout=layout, unknowns=unknowns, data=data, constants=constants)
 
 
 @contextlib.contextmanager

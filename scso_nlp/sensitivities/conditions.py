@@ -1,0 +1,570 @@
+r"""The conditions of an optimum of a whole motion, and what they become with small changes.
+
+With unknowns x, what is given d, active rows g and their multipliers :math:`\lambda`, the Lagrangian is
+:math:`L = f + \lambda^T g - \langle\Lambda, G\rangle`. Where the same rows and bounds stay active,
+
+.. math::
+    \begin{pmatrix} \nabla_{xx} L + C & g_x^T \\ g_x & 0 \end{pmatrix}
+    \begin{pmatrix} \dot x \\ \dot\lambda \end{pmatrix} =
+    -\begin{pmatrix} \nabla_{xd} L + C_d \\ g_d \end{pmatrix} \dot d
+
+with unknowns between their bounds only. A matrix G that is singular at the optimum, with the multiplier
+:math:`\Lambda = Q \Psi Q^T` in its null space Q, gives the rows :math:`Q^T G Q = 0` and, because Q turns, the
+curvature :math:`C_{ij} = 2 \langle\Lambda, G_i G^+ G_j\rangle` (Shapiro 1997, Math Program 77:301-320).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from scso_nlp.solution import Solution
+from scso_nlp.solver.judge import unknowns_of
+from scso_nlp.transcription.by_data import MULTIPLIERS, weighted
+from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.piece import first_order, second_order
+from scso_nlp.transcription.turns import MatrixModel, matrix_models
+from scso_nlp.validation import BoolArray, FloatArray, IntArray
+
+#: Multipliers and distances below this share of what they are made of are zero: the active set is not strict.
+STRICT = 1e-7
+#: A frame whose equations, scaled, answer a change of one by more than this is singular.
+SINGULAR = 1e10
+#: Newton's method has arrived when its step is below this much of the unknowns [-], and its most steps.
+_ARRIVED, _MOST_STEPS = 1e-9, 8
+#: An unknown nearer to a bound than this much of the frame's largest, or of one, is at it [-].
+_AT_BOUND = 1e-9
+#: What is added to equations that are exactly singular, so that the other frames have their answer.
+_RIDGE = 1e-13
+_TINY = float(np.finfo(float).tiny)
+
+#: Entries of a matrix of all frames, with their rows and columns, each of shape (n, n_entries).
+Part = tuple[FloatArray, IntArray, IntArray]
+
+
+@dataclass(kw_only=True)
+class Point:
+    """Unknowns (n_frames, size), multipliers of all rows in the solver's sign, and of the matrices."""
+
+    x: FloatArray
+    row: FloatArray
+    matrices: list[FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turned:
+    """A matrix of every frame in the basis of its eigenvectors, those of its multiplier turned to its own.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (n_frames, d, d)
+        Vectors as columns, the active ones first.
+    psi, value : ndarray, shape (n_frames, d)
+        Multiplier and eigenvalue of each.
+    active : ndarray of bool, shape (n_frames, d)
+        Which carry a multiplier.
+    pairs : pair of ndarray of int, shape (n_pairs,)
+        Of vectors; each pair of active ones is a row.
+    rows : ndarray, shape (n_frames, n_pairs, n_entries)
+        By what entries of the lower triangle count in q_a'G q_b, scaled; zero for other pairs.
+    bend : ndarray, shape (n_frames, d², n_entries)
+        The root of the curvature C.
+    margin : ndarray, shape (n_frames, d)
+        Multiplier or eigenvalue as share of what it is made of.
+    slopes : ndarray, shape (n_frames, n_entries, size)
+        Derivatives of the lower triangle by the unknowns.
+    """
+
+    basis: FloatArray
+    psi: FloatArray
+    value: FloatArray
+    active: BoolArray
+    pairs: tuple[IntArray, IntArray]
+    rows: FloatArray
+    bend: FloatArray
+    margin: FloatArray
+    slopes: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linear:
+    """The conditions near a point: scaled and factorised.
+
+    Attributes
+    ----------
+    free : ndarray of int
+        Places of the free unknowns among all unknowns.
+    rows : ndarray of int
+        Places of the active rows among all rows.
+    frame : ndarray of int
+        Frame of every equation.
+    left : ndarray
+        What the conditions are missed by.
+    scale : ndarray
+        Of equations and of their unknowns.
+    matrix, factors
+        The scaled equations, and their factorisation.
+    slope : sparse matrix, shape (n_all_rows, n_all_unknowns)
+        Derivatives of all rows, those of matrices behind the others.
+    """
+
+    free: IntArray
+    rows: IntArray
+    frame: IntArray
+    left: FloatArray
+    scale: FloatArray
+    matrix: sp.csc_matrix
+    factors: object
+    slope: sp.csr_matrix = field(repr=False)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solve with right sides (n_equations, …), refined once."""
+        scale = self.scale.reshape(-1, *[1] * (right.ndim - 1))
+        right = scale * right
+        found = self.factors.solve(right)  # type: ignore[attr-defined]
+        found += self.factors.solve(right - self.matrix @ found)  # type: ignore[attr-defined]
+        return np.asarray(scale * found)
+
+    def answer_to_noise(self, n_frames: int) -> FloatArray:
+        """Give the largest answer of each frame to random right sides near one, in scaled equations."""
+        rng = np.random.default_rng(0)
+        noise = rng.choice([-1.0, 1.0], (self.frame.size, 2))
+        found = np.abs(self.factors.solve(noise)).max(axis=1, initial=0.0)  # type: ignore[attr-defined]
+        largest = np.zeros(n_frames)
+        np.maximum.at(largest, self.frame, np.nan_to_num(found, nan=np.inf))
+        return largest
+
+
+class Conditions:
+    """Conditions of the optimum of a program: vectors of all unknowns and of all rows of all frames."""
+
+    def __init__(self, program: FrameProgram, solution: Solution) -> None:
+        self.program, self.models = program, matrix_models(program)
+        self.n, self.size = program.time.size, program.layout.size
+        self.costs = [second_order(piece, piece.all_unknowns) for _, piece in program.objectives]
+        self.curved = [
+            (rows, first_order(piece), second_order(weighted(piece), piece.all_unknowns))
+            for piece, rows in program.split.nonlinear
+        ]
+        self.bent = [
+            None if model.is_affine else second_order(weighted(model.block.piece)) for model in self.models
+        ]
+        self.n_rows = (len(program.rows), len(program.pair_rows))
+        n_pair = max(self.n - 1, 0)
+        self.first = (0, self.n * self.n_rows[0])
+        self.frame_of_row = np.concatenate(
+            [np.repeat(np.arange(self.n), self.n_rows[0]), np.repeat(1 + np.arange(n_pair), self.n_rows[1])]
+        )
+        self._collect_rows(n_pair)
+        self.bounds = tuple(bound.ravel() for bound in program.bounds())
+        self.usable = solution.is_solved & np.isfinite(solution.activation).all(axis=1)
+        self.point = self._point(solution)
+        self.turned: list[Turned] = []
+        self._look(choose=True)
+
+    @property
+    def is_coupled(self) -> bool:
+        """True if frames cannot be looked at one by one."""
+        return self.program.is_coupled
+
+    def places(self, is_pair: int, rows: IntArray) -> IntArray:
+        """Places of rows of every frame, or pair, among all rows, shape (n, n_rows)."""
+        frame = np.arange(max(self.n - is_pair, 0))[:, None]
+        return np.asarray(self.first[is_pair] + frame * self.n_rows[is_pair] + rows)
+
+    def _collect_rows(self, n_pair: int) -> None:
+        program, parts = self.program, []
+        lower, upper, empty = [], [], []
+        self.constant = np.zeros(self.frame_of_row.size)
+        for is_pair, (table, affine, n) in enumerate(
+            (
+                (program.rows, program.split.affine, self.n),
+                (program.pair_rows, program.split.affine_pairs, n_pair),
+            )
+        ):
+            lower.append(np.tile(table.lower, n))
+            upper.append(np.tile(table.upper, n))
+            is_empty = np.zeros((n, len(table)), dtype=bool)
+            is_empty[:, affine.rows] = affine.is_empty[:n]
+            empty.append(is_empty.ravel())
+            self.constant[self.places(is_pair, affine.rows)] = affine.constant[:n]
+            column = np.arange(n)[:, None] * self.size + affine.column
+            parts.append((affine.values[:n], self.places(is_pair, affine.row), column))
+        self.row_lower, self.row_upper = np.concatenate(lower), np.concatenate(upper)
+        self.is_empty = np.concatenate(empty)
+        self.affine = _sparse(parts, (self.frame_of_row.size, self.n * self.size))
+
+    def _point(self, solution: Solution) -> Point:
+        """Unknowns and judged multipliers of a solution, in the program's scale and the solver's sign."""
+        program = self.program
+        row = np.zeros(self.frame_of_row.size)
+        x = np.clip(unknowns_of(program, solution).ravel(), *self.bounds)
+        for is_pair, table in enumerate((program.rows, program.pair_rows)):
+            taken: dict[str, int] = {}
+            for block, where in table:
+                begin = taken.get(block.term, 0)
+                taken[block.term] = begin + len(block.names)
+                result, own = solution.rows[block.term], slice(begin, taken[block.term])
+                size = np.nan_to_num(result.multiplier[is_pair:, own]) * block.scale
+                value = (result.value + result.missed)[is_pair:, own]
+                at_upper = np.abs(value - block.upper) < np.abs(value - block.lower)
+                sign = np.where((block.lower == block.upper) | ~at_upper, -1.0, 1.0)
+                row[self.places(is_pair, np.arange(where.start, where.stop))] = sign * size
+        row[self.is_empty] = 0.0
+        matrices = [np.nan_to_num(solution.matrices[m.block.term].multiplier) for m in self.models]
+        return Point(x=x.reshape(self.n, self.size), row=row, matrices=matrices)
+
+    # ------------------------------------------------------------------------------------------ at a point
+
+    def settle(self) -> None:
+        """Take the active set of the solution, move to its exact optimum, and look whether it is strict.
+
+        Afterwards `linear` has the factorised conditions, `is_regular` (n_frames,) tells which frames may be
+        differentiated, and `is_kink` (n_frames,) where that fails for want of strict complementarity.
+        """
+        nothing = np.zeros(self.n, dtype=bool)
+        self.is_kink, self.is_singular, gone = nothing.copy(), nothing.copy(), ~self.usable
+        for _ in range(_MOST_STEPS):
+            parts = self._hessian()
+            broken = self._broken_frames(parts)
+            gone, self.is_singular = gone | broken, self.is_singular | broken
+            self.linear = self._linear(parts, ~gone)
+            answer = self.linear.answer_to_noise(self.n)
+            bad = (answer > SINGULAR) & ~gone
+            self.is_singular |= bad
+            gone = gone | bad
+            moved = self._step(self.linear.solve(-self.linear.left), ~gone)
+            if not (moved[~gone] > _ARRIVED).any():
+                break
+            self._look(choose=False)
+        self.is_singular |= ~gone & (moved > _ARRIVED)
+        self._look(choose=False)
+        if self.models:  # their rows belong to a basis
+            self.linear = self._linear(self._hessian(), ~gone)
+        self.is_kink = self.usable & ~self.is_singular & ~self._is_strict()
+        self.is_regular = self.usable & ~self.is_singular & ~self.is_kink
+        if self.is_coupled and not self.is_regular.all():
+            self.is_regular = nothing
+
+    def _look(self, *, choose: bool) -> None:
+        """Evaluate rows, slopes and matrices at the point; choose what is active, or keep it."""
+        x, arrays = self.point.x, self.program.arrays
+        self.value = self.affine @ x.ravel() + self.constant
+        parts, slope = [], self.affine
+        for rows, derivatives, _ in self.curved:
+            is_pair = int(derivatives.piece.is_pair)
+            value, entries = derivatives.at(x, arrays)
+            self.value[self.places(is_pair, rows)] = value
+            column = np.arange(len(value))[:, None] * self.size + derivatives.column
+            parts.append((entries, self.places(is_pair, rows[derivatives.row]), column))
+        if parts:
+            slope = slope + _sparse(parts, slope.shape)
+        self.slope = slope
+        force = np.zeros((self.n, self.size))
+        self.rise = np.zeros((self.n, self.size))
+        for cost in self.costs:
+            first, _ = cost.at(x, arrays)
+            for side, own in enumerate(np.split(first, len(cost.piece.unknowns), axis=1)):
+                force[side : side + len(own)] += own
+                self.rise[side : side + len(own)] += np.abs(own)
+        force = force.ravel() + slope.T @ self.point.row
+        self.rise = self.rise.ravel() + abs(slope).T @ np.abs(self.point.row)
+        self.gradient = force
+        size = self.rise.reshape(self.n, -1).max(axis=1, initial=0.0)
+        self.largest = (
+            np.full(self.n, size.max(initial=_TINY)) if self.is_coupled else np.maximum(size, _TINY)
+        )
+        before: list[BoolArray | None] = [None if choose else turned.active for turned in self.turned]
+        self.turned = [
+            self._turned(model, multiplier, active)
+            for model, multiplier, active in zip(
+                self.models, self.point.matrices, before or [None] * len(self.models), strict=True
+            )
+        ]
+        if choose:
+            self._choose()
+
+    def _turned(self, model: MatrixModel, multiplier: FloatArray, active: BoolArray | None) -> Turned:
+        entries, slopes = model.triangle(self.point.x, self.program.arrays)
+        filled = model.block.filled(entries)
+        value, basis = np.linalg.eigh(filled)
+        psi = np.einsum("kia,kij,kja->ka", basis, multiplier, basis)
+        d = value.shape[1]
+        own = np.abs(entries).max(axis=1) + (np.abs(slopes) * np.abs(self.point.x[:, None])).sum(axis=2).max(
+            axis=1
+        )
+        pushed = np.abs(slopes).max(axis=(1, 2), initial=0.0) * np.abs(psi).T / self.largest
+        margin = np.abs(value).T / np.maximum(own, _TINY)
+        active = (pushed > margin).T if active is None else active
+        active = np.arange(d) < active.sum(axis=1)[:, None]  # they turn, but stay the smallest
+        # a basis of the active ones in which their multiplier is diagonal
+        both = active[:, :, None] & active[:, None, :]
+        inner = np.where(both, np.einsum("kia,kij,kjb->kab", basis, multiplier, basis), 0.0)
+        spread = np.where(active, 0.0, 1.0 + d * np.abs(inner).max(axis=(1, 2), initial=0.0)[:, None])
+        psi, turn = np.linalg.eigh(inner + spread[:, :, None] * np.eye(d))
+        basis = np.where(active[:, None], basis @ turn, basis)
+        psi = np.where(active, psi, 0.0)
+        first, second = np.triu_indices(d)
+        rows = model.products(basis[:, :, first].transpose(0, 2, 1), basis[:, :, second].transpose(0, 2, 1))
+        rows = np.where((active[:, first] & active[:, second])[:, :, None], rows, 0.0) / model.block.scale
+        a, i = (v.ravel() for v in np.indices((d, d)))
+        bend = model.products(basis[:, :, a].transpose(0, 2, 1), basis[:, :, i].transpose(0, 2, 1))
+        is_bend = active[:, a] & ~active[:, i]
+        share = np.where(is_bend, 2 * np.maximum(psi[:, a], 0.0) / np.where(is_bend, value[:, i], 1.0), 0.0)
+        strength = np.where(
+            active, (np.abs(psi).T * np.abs(slopes).max(axis=(1, 2), initial=0.0) / self.largest).T, margin.T
+        )
+        return Turned(
+            basis=basis,
+            psi=psi,
+            value=value,
+            active=active,
+            pairs=(first, second),
+            rows=rows,
+            bend=np.sqrt(np.abs(share))[:, :, None] * bend,
+            margin=np.where(active & (psi < 0), 0.0, np.where(active | (value > 0), strength, 0.0)),
+            slopes=slopes,
+        )
+
+    def _choose(self) -> None:
+        """Take bounds and rows whose multipliers outweigh their distances as active."""
+        lower, upper = self.bounds
+        x, frame = self.point.x.ravel(), np.repeat(np.arange(self.n), self.size)
+        size = np.maximum(np.abs(self.point.x).max(axis=1, initial=0.0), 1.0)[frame]
+        push = self.lagrangian / np.maximum(self.rise, _TINY)
+        near_lower, near_upper = (x - lower) / size, (upper - x) / size
+        self.at_bound = np.where(lower == upper, 2, 0)
+        is_open = lower < upper
+        self.at_bound[is_open & ((push > near_lower) | (near_lower <= _AT_BOUND))] = -1
+        self.at_bound[is_open & ((-push > near_upper) | (near_upper <= _AT_BOUND))] = 1
+        self.at_rest = is_open & (self.rise == 0) & ((x == lower) | (x == upper))
+        self.at_bound[self.at_rest] = 2
+        lam = self.point.row
+        strength, near_lower, near_upper = self._strengths()
+        self.at_row = np.where(self.row_lower == self.row_upper, 2, 0)
+        is_open = (self.row_lower < self.row_upper) & ~self.is_empty
+        self.at_row[is_open & (lam < 0) & (strength > near_lower)] = -1
+        self.at_row[is_open & (lam > 0) & (strength > near_upper)] = 1
+        # bounds keep rows without free unknowns; their multipliers, which are not unique, stay what they are
+        free = sp.diags((self.at_bound == 0).astype(float))
+        self.is_implied = is_open & ((abs(self.slope) @ free).sum(axis=1).A1 == 0)
+        self.at_row[self.is_empty | self.is_implied] = 0
+        # multipliers that nothing holds are rounding
+        self.point.row = np.where((self.at_row == 0) & ~self.is_implied, 0.0, lam)
+
+    @property
+    def implied(self) -> BoolArray:
+        """Tell which rows are met exactly because of bounds, without free unknowns, shape (n_rows,)."""
+        _, near_lower, near_upper = self._strengths()
+        return self.is_implied & (np.minimum(near_lower, near_upper) < STRICT)
+
+    @property
+    def lagrangian(self) -> FloatArray:
+        """Gradient of the Lagrangian by all unknowns, bounds aside."""
+        force = self.gradient.reshape(self.n, self.size).copy()
+        for turned, model in zip(self.turned, self.models, strict=True):
+            force -= np.einsum("ke,kes->ks", self.weights(turned, model), turned.slopes)
+        return force.ravel()
+
+    def weights(self, turned: Turned, model: MatrixModel) -> FloatArray:
+        """By what the entries of a lower triangle count in <Lambda, G>, shape (n_frames, n_entries)."""
+        row, column = model.block.triangle
+        multiplier = np.einsum("kia,ka,kja->kij", turned.basis, turned.psi, turned.basis)
+        return np.where(row == column, 1.0, 2.0) * multiplier[:, row, column]
+
+    def _strengths(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Multipliers of rows over the largest slope, and distances to both bounds over the row's size."""
+        entries = abs(self.slope)
+        largest = entries.max(axis=1).toarray().ravel()
+        x, value = np.abs(self.point.x.ravel()), self.value
+        finite = [np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.row_lower, self.row_upper)]
+        own = np.maximum(entries @ x + np.abs(value) + np.maximum(*finite), _TINY)
+        strength = np.abs(self.point.row) * largest / self.largest[self.frame_of_row]
+        return strength, (value - self.row_lower) / own, (self.row_upper - value) / own
+
+    def _is_strict(self) -> BoolArray:
+        """Tell in which frames no multiplier and no distance is near zero, shape (n_frames,)."""
+        lower, upper = self.bounds
+        x, frame = self.point.x.ravel(), np.repeat(np.arange(self.n), self.size)
+        push = self.lagrangian / np.maximum(self.rise, _TINY)
+        size = np.maximum(np.abs(self.point.x).max(axis=1, initial=0.0), _TINY)[frame]
+        inside = np.minimum(x - lower, upper - x) / np.minimum(size, 1.0)
+        margin = np.choose(self.at_bound + 1, [push, inside, -push, np.inf])
+        strict = np.full(self.n, np.inf)
+        np.minimum.at(strict, frame, margin)
+        strength, near_lower, near_upper = self._strengths()
+        lam = self.point.row
+        strength = np.where(lam * self.at_row > 0, strength, -strength)
+        nearest = np.minimum(near_lower, near_upper)
+        margin = np.choose(self.at_row + 1, [strength, nearest, strength, np.inf])
+        margin[self.is_empty | self.is_implied] = np.inf
+        np.minimum.at(strict, self.frame_of_row, margin)
+        for turned in self.turned:
+            strict = np.minimum(strict, turned.margin.min(axis=1))
+        return strict > STRICT
+
+    # ----------------------------------------------------------------------------------------- equations
+
+    def _hessian(self) -> list[Part]:
+        """Entries, rows and columns of the Hessian of the Lagrangian."""
+        x, arrays, parts = self.point.x, self.program.arrays, []
+
+        def add(entries: FloatArray, row: IntArray, column: IntArray) -> None:
+            frame = np.arange(len(entries))[:, None] * self.size
+            parts.append((entries, frame + row, frame + column))
+
+        for cost in self.costs:
+            add(cost.at(x, arrays)[1], cost.row, cost.column)
+        for rows, derivatives, curvature in self.curved:
+            lam = self.point.row[self.places(int(derivatives.piece.is_pair), rows)]
+            add(curvature.at(x, {**arrays, MULTIPLIERS: lam})[1], curvature.row, curvature.column)
+        for model, turned, bent in zip(self.models, self.turned, self.bent, strict=True):
+            if bent is not None:
+                of_weights = self.by_weights(turned, model)
+                add(-bent.at(x, {**arrays, MULTIPLIERS: of_weights})[1], bent.row, bent.column)
+            root = turned.bend @ turned.slopes
+            row, column = (v.ravel() for v in np.indices((self.size, self.size)))
+            add((root.transpose(0, 2, 1) @ root).reshape(self.n, -1), row, column)
+        return parts
+
+    def by_weights(self, turned: Turned, model: MatrixModel) -> FloatArray:
+        """By what the weights of a matrix inequality count in <Lambda, G>, shape (n_frames, n_weights)."""
+        matrices = self.program.arrays[model.block.matrices]
+        return np.asarray(np.einsum("ke,kew->kw", self.weights(turned, model), matrices))
+
+    def _broken_frames(self, parts: Sequence[Part]) -> BoolArray:
+        """Tell in which frames the curvature by free unknowns is not finite: powers below 2 at zero."""
+        broken = np.zeros(self.n, dtype=bool)
+        free = self.at_bound == 0
+        for entries, row, column in parts:
+            wrong = ~np.isfinite(entries) & free[row] & free[column]
+            frame = row[wrong] // self.size
+            broken[frame] = True
+        return broken
+
+    def _linear(self, parts: Sequence[Part], alive: BoolArray) -> Linear:
+        frame = np.repeat(np.arange(self.n), self.size)
+        free = np.flatnonzero((self.at_bound == 0) & alive[frame])
+        shape = (self.n * self.size,) * 2
+        kept = [(np.where(np.isfinite(entries), entries, 0.0), row, column) for entries, row, column in parts]
+        hessian = _sparse(kept, shape)[free][:, free]
+        slopes, places, frames, left = [self.slope], [np.flatnonzero(self.at_row)], [self.frame_of_row], []
+        bound = np.where(self.at_row == 1, self.row_upper, self.row_lower)
+        left.append(np.where(self.at_row != 0, self.value - np.where(np.isfinite(bound), bound, 0.0), 0.0))
+        start = self.frame_of_row.size
+        for model, turned in zip(self.models, self.turned, strict=True):
+            n_pairs = turned.rows.shape[1]
+            rows = turned.rows @ turned.slopes
+            slopes.append(_dense_rows(rows))
+            first, second = turned.pairs
+            used = turned.active[:, first] & turned.active[:, second]
+            places.append(start + np.flatnonzero(used))
+            frames.append(np.repeat(np.arange(self.n), n_pairs))
+            entries, _ = model.triangle(self.point.x, self.program.arrays)
+            left.append((turned.rows @ entries[:, :, None]).ravel())
+            start += n_pairs * self.n
+        every, frame_of = np.concatenate(places), np.concatenate(frames)
+        rows = every[alive[frame_of[every]]]
+        slope = sp.vstack(slopes, format="csr")
+        active = slope[rows][:, free]
+        matrix = sp.bmat([[hessian, active.T], [active, None]], format="csr") if rows.size else hessian
+        scale = _equilibrated(matrix)
+        scaled = (sp.diags(scale) @ matrix @ sp.diags(scale)).tocsc()
+        try:
+            factors = splu(scaled)
+        except RuntimeError:  # exactly singular
+            ridge = np.concatenate([np.full(free.size, _RIDGE), np.full(rows.size, -_RIDGE)])
+            factors = splu((scaled + sp.diags(ridge)).tocsc())
+        return Linear(
+            free=free,
+            rows=rows,
+            frame=np.concatenate([frame[free], frame_of[rows]]),
+            left=np.concatenate([self.lagrangian[free], np.concatenate(left)[rows]]),
+            scale=scale,
+            matrix=scaled,
+            factors=factors,
+            slope=slope,
+        )
+
+    def spread(self, found: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Put answers (n_equations, m) to their places among all unknowns and all rows; zero elsewhere."""
+        unknowns = np.zeros((self.n * self.size, *found.shape[1:]))
+        rows = np.zeros((self.linear.slope.shape[0], *found.shape[1:]))
+        unknowns[self.linear.free], rows[self.linear.rows] = np.split(found, [self.linear.free.size])
+        return unknowns, rows
+
+    def _step(self, step: FloatArray, alive: BoolArray) -> FloatArray:
+        """Move to the point that the equations say; give how far each frame has moved, shape (n_frames,)."""
+        move, change = self.spread(np.nan_to_num(step))
+        x = self.point.x.ravel()
+        lower, upper = self.bounds
+        x = np.where(self.at_bound == -1, lower, np.where(self.at_bound == 1, upper, x)) + move
+        frame = np.repeat(alive, self.size)
+        moved = np.where(frame, x, self.point.x.ravel()).reshape(self.n, self.size)
+        size = np.abs(moved).max(axis=1, initial=0.0)
+        change_of_x = moved - self.point.x
+        far = np.abs(change_of_x).max(axis=1, initial=0.0) / np.maximum(size, _TINY)
+        self.point.x = moved
+        own = self.frame_of_row.size
+        self.point.row = self.point.row + np.where(alive[self.frame_of_row], change[:own], 0.0)
+        for i, (model, turned) in enumerate(zip(self.models, self.turned, strict=True)):
+            n_all = turned.rows.shape[0] * turned.rows.shape[1]
+            entries = np.einsum("kes,ks->ke", turned.slopes, change_of_x)
+            before = np.einsum("kia,ka,kja->kij", turned.basis, turned.psi, turned.basis)
+            self.point.matrices[i] = before + self.multiplier_change(
+                model, turned, change[own : own + n_all], entries
+            )
+            own += n_all
+        return far
+
+    def multiplier_change(
+        self, model: MatrixModel, turned: Turned, rows: FloatArray, entries: FloatArray
+    ) -> FloatArray:
+        """Change of the multiplier of a matrix (n_frames, d, d).
+
+        `rows` are the changes of the multipliers of its rows, `entries` (n_frames, n_entries) of the matrix.
+        """
+        basis, active = turned.basis, turned.active[:, None]
+        first, second = turned.pairs
+        psi = np.zeros_like(basis)
+        share = np.where(first == second, -1.0, -0.5) / model.block.scale
+        psi[:, first, second] = psi[:, second, first] = share * rows.reshape(self.n, -1)
+        inside = basis.transpose(0, 2, 1) @ model.block.filled(entries) @ basis
+        is_other = ~turned.active[:, :, None] & active
+        turn = np.where(is_other, -inside / np.where(is_other, turned.value[:, :, None], 1.0), 0.0)
+        half = (basis @ turn) * turned.psi[:, None]
+        half = half @ basis.transpose(0, 2, 1)
+        return basis @ psi @ basis.transpose(0, 2, 1) + half + half.transpose(0, 2, 1)
+
+
+def _sparse(parts: Sequence[Part], shape: tuple[int, int]) -> sp.csr_matrix:
+    """Add up entries with their rows and columns."""
+    if not parts:
+        return sp.csr_matrix(shape)
+    values, row, column = (np.concatenate([np.ravel(part[i]) for part in parts]) for i in range(3))
+    return sp.csr_matrix((values, (row, column)), shape=shape)
+
+
+def _dense_rows(rows: FloatArray) -> sp.csr_matrix:
+    """Rows (n_frames, n_rows, size) of each frame's own unknowns as one sparse matrix."""
+    n, m, size = rows.shape
+    row = np.repeat(np.arange(n * m), size)
+    column = (np.arange(n)[:, None, None] * size + np.broadcast_to(np.arange(size), (n, m, size))).ravel()
+    return sp.csr_matrix((rows.ravel(), (row, column)), shape=(n * m, n * size))
+
+
+def _equilibrated(matrix: sp.csr_matrix) -> FloatArray:
+    """Scale of rows and columns with which the largest entry of each is near one (Ruiz 2001)."""
+    entries = abs(matrix).tocsr()
+    scale = np.ones(matrix.shape[0])
+    for _ in range(5):
+        largest = entries.max(axis=1).toarray().ravel()
+        factor = 1 / np.sqrt(np.where(largest > 0, largest, 1.0))
+        scale *= factor
+        entries = sp.diags(factor) @ entries @ sp.diags(factor)
+        entries = entries.tocsr()
+    return scale

@@ -1,0 +1,178 @@
+"""What a change of given numbers does to the conditions of an optimum while the unknowns stay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from scso_nlp.sensitivities.conditions import Conditions, Turned
+from scso_nlp.sensitivities.parameters import Changes
+from scso_nlp.transcription.by_data import MULTIPLIERS, Slopes, by_data, gradient, weighted
+from scso_nlp.transcription.piece import Key, Piece
+from scso_nlp.transcription.turns import MatrixModel
+from scso_nlp.validation import FloatArray, IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class RightSides:
+    """Changes per unit of each parameter at fixed unknowns and multipliers.
+
+    Attributes
+    ----------
+    lagrangian : ndarray, shape (n_frames * size, n_parameters)
+        Of its gradient.
+    rows : ndarray, shape (n_all_rows, n_parameters)
+        Of rows less their active bounds; rows of matrices behind the others.
+    values : ndarray, shape (n_rows, n_parameters)
+        Of rows alone.
+    objective : ndarray, shape (n_frames, n_parameters)
+        Of the optimal objective: of the Lagrangian, by the frame that it stands in.
+    matrices : tuple of ndarray, shape (n_frames, n_entries, n_parameters)
+        Of the matrices less their levels.
+    """
+
+    lagrangian: FloatArray
+    rows: FloatArray
+    values: FloatArray
+    objective: FloatArray
+    matrices: tuple[FloatArray, ...]
+
+
+def right_sides(conditions: Conditions, changes: Changes) -> RightSides:
+    """Evaluate how the conditions change with the given numbers, exactly.
+
+    Parameters
+    ----------
+    conditions : Conditions
+        Settled.
+    changes : Changes
+
+    Returns
+    -------
+    RightSides
+    """
+    return _RightSides(conditions, changes).collected()
+
+
+class _RightSides:
+    def __init__(self, conditions: Conditions, changes: Changes) -> None:
+        self.conditions, self.changes = conditions, changes
+        self.program, self.point = conditions.program, conditions.point
+        self.n, self.size = conditions.n, conditions.size
+        self.n_parameters = changes.lower.shape[1]
+        self.lagrangian = np.zeros((self.n * self.size, self.n_parameters))
+        self.objective = np.zeros((self.n, self.n_parameters))
+        self.values = np.zeros((conditions.frame_of_row.size, self.n_parameters))
+
+    def collected(self) -> RightSides:
+        """Go through objectives, rows and matrices."""
+        for name, piece in self.program.objectives:
+            self._cost(piece, self.changes.costs[name])
+        for is_pair, table in enumerate((self.program.rows, self.program.pair_rows)):
+            for block, where in table:
+                assert block.piece is not None
+                piece = replace(block.piece, expression=block.piece.expression / block.scale)
+                places = self.conditions.places(is_pair, np.arange(where.start, where.stop))
+                self._add(self.values, piece, places)
+                multipliers = {MULTIPLIERS: self.point.row[places]}
+                self._add(self.lagrangian, gradient(weighted(piece)), self._unknowns(piece), multipliers)
+        lower = np.zeros_like(self.values)
+        lower[self.conditions.places(0, np.arange(len(self.program.rows)))] = self.changes.lower
+        is_at_lower = (self.conditions.at_row == -1) | (self.conditions.at_row == 2)
+        rows = self.values - np.where(is_at_lower[:, None], lower, 0.0)
+        np.add.at(self.objective, self.conditions.frame_of_row, self.point.row[:, None] * rows)
+        of_matrices = [
+            self._matrix(model, turned)
+            for model, turned in zip(self.conditions.models, self.conditions.turned, strict=True)
+        ]
+        return RightSides(
+            lagrangian=self.lagrangian,
+            rows=np.concatenate([rows, *(rows_of for _, rows_of in of_matrices)]),
+            values=self.values,
+            objective=self.objective,
+            matrices=tuple(entries for entries, _ in of_matrices),
+        )
+
+    def _unknowns(self, piece: Piece) -> IntArray:
+        """Places of the unknowns that each frame or pair of a piece sees."""
+        n = self.n - piece.is_pair
+        return np.arange(n)[:, None] * self.size + np.arange(self.size * len(piece.unknowns))
+
+    def _cost(self, piece: Piece, factor: FloatArray) -> None:
+        frames = np.arange(self.n - piece.is_pair)
+        self._add(self.objective, piece, frames[:, None])
+        self._add(self.lagrangian, gradient(piece), self._unknowns(piece))
+        if factor.any():
+            arrays = self.program.arrays
+            self.objective[frames] += piece.values(self.point.x, arrays) * factor
+            slope = gradient(piece).values(self.point.x, arrays)
+            np.add.at(self.lagrangian, self._unknowns(piece).ravel(), slope.reshape(-1, 1) * factor)
+
+    def _add(
+        self, target: FloatArray, piece: Piece, places: IntArray, more: Mapping[Key, FloatArray] | None = None
+    ) -> None:
+        """Add what the parameters change of a piece at places (n, n_rows) of a target."""
+        slopes = by_data(piece, self.changes.used, self.point.x, {**self.program.arrays, **(more or {})})
+        if slopes:
+            found = product(slopes, self.changes, places)
+            target[: len(found)] += found
+
+    def _matrix(self, model: MatrixModel, turned: Turned) -> tuple[FloatArray, FloatArray]:
+        """Change of a matrix less its levels, and of its rows; that of the Lagrangian is added."""
+        block, arrays, conditions = model.block, self.program.arrays, self.conditions
+        weights, by_unknowns = model.derivatives.at(self.point.x, arrays)
+        n_weights, matrices = weights.shape[1], arrays[block.matrices]
+        keys = self.changes.used
+        places = np.arange(self.n * n_weights).reshape(self.n, n_weights)
+        of_weights = product(by_data(block.piece, keys, self.point.x, arrays), self.changes, places)
+        entries = matrices @ of_weights.reshape(self.n, n_weights, -1)
+        counted = conditions.weights(turned, model)
+        if block.matrices in keys:
+            change = self.changes.arrays[block.matrices].toarray().reshape(*matrices.shape, -1)
+            entries += np.einsum("kewp,kw->kep", change, weights)
+            pushed = np.einsum("kewp,ke->kwp", change, counted)
+            row, column = model.derivatives.row, model.derivatives.column
+            place = np.arange(self.n)[:, None] * self.size + column
+            np.add.at(self.lagrangian, place, -pushed[:, row] * by_unknowns[:, :, None])
+        if block.constant in keys:
+            entries += self.changes.arrays[block.constant].toarray().reshape(*entries.shape)
+        row, column = block.triangle
+        entries -= np.where((row == column)[:, None], self.changes.levels[block.term][row], 0.0)
+        multipliers = {MULTIPLIERS: conditions.by_weights(turned, model)}
+        slopes = by_data(gradient(weighted(block.piece)), keys, self.point.x, {**arrays, **multipliers})
+        self.lagrangian -= product(slopes, self.changes, self._unknowns(block.piece))
+        bend = turned.bend @ turned.slopes
+        self.lagrangian += (bend.transpose(0, 2, 1) @ (turned.bend @ entries)).reshape(
+            len(self.lagrangian), -1
+        )
+        self.objective -= np.einsum("ke,kep->kp", counted, entries)
+        return entries, (turned.rows @ entries).reshape(-1, self.n_parameters)
+
+
+def product(slopes: Sequence[Slopes], changes: Changes, places: IntArray) -> FloatArray:
+    """Multiply derivatives by arrays with what parameters change of these.
+
+    Parameters
+    ----------
+    slopes : sequence of Slopes
+        Of a column in all frames or pairs.
+    changes : Changes
+    places : ndarray of int, shape (n, n_column)
+        Where its entries stand in the result.
+
+    Returns
+    -------
+    ndarray, shape (n_frames * n_column or more, n_parameters)
+    """
+    total = np.zeros((int(places.max(initial=-1)) + 1, changes.lower.shape[1]))
+    for found in slopes:
+        change = changes.arrays[found.key]
+        frame = np.arange(len(found.values))[:, None] + found.offset
+        column = frame * (change.shape[0] // changes.n_frames) + found.entry
+        where = (places[:, found.row].ravel(), column.ravel())
+        matrix = sp.csr_matrix((found.values.ravel(), where), shape=(len(total), change.shape[0]))
+        total += (matrix @ change).toarray()
+    return total

@@ -1,0 +1,169 @@
+"""Derivatives known on paper, the adjoint beside them, kinks that are flagged, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import elbow, motion, muscle_parameters, random_problem, two_antagonists
+from sensitivities.differences import problem_of
+
+import scso_nlp as scso
+from scso_nlp import Regularity
+from scso_nlp.exceptions import DataError, NameMismatchError, ProblemError
+
+
+def pair(moment, exponent, lower=0.0):
+    """Two muscles at one joint that pull the same way."""
+    trajectory = motion(np.array([[[0.05, 0.03]]]), [[moment]])
+    muscles = muscle_parameters(trajectory.muscles, [1000.0, 1500.0], lower=lower)
+    return scso.MuscleForceProblem(
+        motion=scso.Motion(trajectory=trajectory, muscles=muscles),
+        muscle_model=scso.NoPhysiology(),
+        objectives=(scso.ActivationEffort(exponent=exponent),),
+    )
+
+
+@pytest.mark.parametrize("exponent", [1.2, 1.5, 2.0, 3.0, 10.0])
+def test_two_muscles_at_one_joint_change_as_lagrange_says(exponent):
+    """With b = 1/(p - 1) and s_m = r_m F_m: a_m = M s_m^b / sum s^(b + 1); all else by its derivatives."""
+    moment, p = 30.0, exponent
+    strength, b = np.array([50.0, 45.0]), 1 / (p - 1)
+    total = (strength ** (b + 1)).sum()
+    activation = moment * strength**b / total
+    by_moment = strength**b / total
+    # of s_1 = r_1 F_1: the numerator, and the sum below
+    by_strength = -activation * (b + 1) * strength[0] ** b / total
+    by_strength[0] += b * activation[0] / strength[0]
+    log = np.log(strength)
+    mean = (strength ** (b + 1) * log).sum() / total
+    by_exponent = activation * (log - mean) * (-(b**2))
+    names = ["generalized_forces", "max_isometric_force[m1]", "moment_arms[q1/m1]", "exponent"]
+    change = scso.sensitivity(scso.solve_trajectory(pair(moment, p)), names)
+    expected = [by_moment, by_strength * 0.05, by_strength * 1000.0, by_exponent]
+    np.testing.assert_allclose(change.activation[0], expected, rtol=1e-7, atol=1e-12)
+    # the optimum is M^p (sum s^(b + 1))^(1 - p), its multiplier the derivative by M
+    least = moment**p * total ** (1 - p)
+    np.testing.assert_allclose(change.objective[0], p * least / moment, rtol=1e-7)
+    multiplier = change.row_multiplier["MomentEquilibrium"][0, 0, 0]
+    np.testing.assert_allclose(multiplier, p * (p - 1) * least / moment**2, rtol=1e-7)
+
+
+def test_antagonists_at_their_level_change_with_q_as_the_row_says():
+    """Without a moment both have the same a, and 2 a F GS = EW + level; GS rises by r²/L per unit of q."""
+    problem = two_antagonists(0.0, q=5.0, level=10.0)
+    solution = scso.solve_trajectory(problem)
+    change = scso.sensitivity(solution, ["q", "level", "passive_stiffness"])
+    activation = solution.activation[0, 0]
+    per_force = 40.0 / (2 * activation * 2000.0)  # stability of each newton, EW = 30 and level = 10 N·m/rad
+    by_q = -activation * (0.05**2 / 0.2) / per_force
+    by_level = activation / 40.0
+    expected = [[by_q] * 2, [by_level] * 2, [-by_level] * 2]
+    np.testing.assert_allclose(change.activation[0], expected, rtol=1e-8)
+    np.testing.assert_allclose(change.row_value["JointStability"][0, :, 0], [0.0, 1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [2, 5, 6, 7, 8])
+def test_the_adjoint_says_the_same_as_all_right_sides(seed):
+    rng, kind, _, problem = problem_of(seed + 22)
+    solution = scso.solve_trajectory(problem)
+    names = ["generalized_forces", "max_isometric_force[m*]", "weights[m1]", "moment_arms[*/m2]"]
+    if kind == "whole_hessian":
+        names = [name.replace("[m*]", "").replace("[m1]", "").replace("[*/m2]", "") for name in names]
+    change = scso.sensitivity(solution, names)
+    weights = {
+        name: rng.normal(size=getattr(solution, name).shape) * change.is_regular[:, None]
+        for name in ("activation", "tendon_force", "control")
+    }
+    found = scso.adjoint_sensitivity(solution, names, **weights)
+    expected = sum(np.nansum(getattr(change, name) * w[:, None], axis=(0, 2)) for name, w in weights.items())
+    assert found.regularity == change.regularity
+    np.testing.assert_allclose(found.value, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_muscle_that_is_about_to_leave_its_bound_is_a_kink_and_has_no_derivative():
+    """The bound of the first muscle is its free optimum: with less moment it holds, with more it does not."""
+    free = scso.solve_trajectory(pair(30.0, 2.0)).activation[0]
+    problem = pair(30.0, 2.0)
+    muscles = dataclasses.replace(problem.motion.muscles, min_activation=[free[0], 0.0])
+    at_kink = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, muscles=muscles))
+    change = scso.sensitivity(scso.solve_trajectory(at_kink), ["generalized_forces"])
+    assert change.regularity == (Regularity.KINK,)
+    assert np.isnan(change.activation).all()
+    assert np.isnan(change.objective).all()
+    weights = np.ones((1, 2))
+    found = scso.adjoint_sensitivity(
+        scso.solve_trajectory(at_kink), ["generalized_forces"], activation=weights
+    )
+    assert np.isnan(found.value).all()
+
+
+def test_a_linear_cost_with_two_equal_muscles_is_singular():
+    trajectory = motion(np.array([[[0.05, 0.05]]]), [[30.0]])
+    problem = scso.MuscleForceProblem(
+        motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, 1000.0)),
+        muscle_model=scso.NoPhysiology(),
+        objectives=(scso.ActivationEffort(exponent=1.0),),
+    )
+    change = scso.sensitivity(scso.solve_trajectory(problem), ["generalized_forces"])
+    assert change.regularity[0] in (Regularity.SINGULAR, Regularity.KINK)
+    assert np.isnan(change.activation).all()
+
+
+def test_a_frame_that_is_not_solved_is_told_and_the_others_have_their_derivatives():
+    problem = elbow([60.0, 500.0, 30.0])
+    solution = scso.solve_trajectory(problem, on_failure="return")
+    change = scso.sensitivity(solution, ["generalized_forces"])
+    assert [r.name for r in change.regularity] == ["REGULAR", "NOT_SOLVED", "REGULAR"]
+    np.testing.assert_allclose(change.activation[0, 0] * 60.0, solution.activation[0])
+    assert np.isnan(change.activation[1]).all()
+
+
+def test_parameters_change_together_by_shares_and_in_one_frame(rng):
+    problem = random_problem(rng, reserve=5.0)
+    solution = scso.solve_trajectory(problem)
+    strength = problem.motion.muscles.max_isometric_force
+    each = scso.sensitivity(
+        solution, [f"max_isometric_force[{name}]" for name in problem.motion.muscles.muscles]
+    )
+    share = scso.Parameter(quantity="max_isometric_force", relative=True)
+    moments = [scso.Parameter(quantity="generalized_forces", frame=k) for k in range(3)]
+    change = scso.sensitivity(solution, [share, "generalized_forces", *moments])
+    assert change.names[0] == "relative max_isometric_force"
+    assert change.names[2].endswith("at frame 0")
+    expected = np.einsum("kpm,p->km", each.activation, strength)
+    np.testing.assert_allclose(change.activation[:, 0], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(change.activation[1, 3], change.activation[1, 1])
+    assert (change.activation[1, [2, 4]] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "error", "words"),
+    [
+        ("stiffness", ProblemError, "quantity is 'stiffness', expected one of q, level"),
+        ("q[", ProblemError, "no closing bracket"),
+        ("q[soleus]", NameMismatchError, "soleus"),
+        ("price", ProblemError, "the problem has no price"),
+        ("optimal_fiber_length", ProblemError, "no term of the problem has the number optimal_fiber_length"),
+        (scso.Parameter(quantity="q", term="MomentEquilibrium"), ProblemError, "no term of the term"),
+        (scso.Parameter(quantity="level", frame=0), ProblemError, "leave the frame out"),
+        (scso.Parameter(quantity="generalized_forces", frame=9), ProblemError, "expected one of 3 frames"),
+    ],
+)
+def test_what_a_problem_does_not_have_is_refused(rng, parameter, error, words):
+    solution = scso.solve_trajectory(random_problem(rng, reserve=5.0))
+    with pytest.raises(error, match=words.replace("[", r"\[")):
+        scso.sensitivity(solution, [parameter])
+
+
+def test_what_a_muscle_model_takes_as_numbers_is_refused(rng):
+    problem = random_problem(rng, reserve=5.0, muscle_model=scso.RigidTendon())
+    solution = scso.solve_trajectory(problem)
+    with pytest.raises(ProblemError, match="RigidTendon does not see tendon_slack_length"):
+        scso.sensitivity(solution, ["tendon_slack_length"])
+    heavy = dataclasses.replace(problem, objectives=(scso.ActivationEffort(weights="pcsa"),))
+    with pytest.raises(ProblemError, match="ActivationEffort does not see max_isometric_force"):
+        scso.sensitivity(scso.solve_trajectory(heavy), ["max_isometric_force"])
+    with pytest.raises(DataError, match="activation has shape"):
+        scso.adjoint_sensitivity(solution, ["q"], activation=np.ones((1, 2)))
