@@ -16,7 +16,7 @@ import scso_nlp as scso
 from scso_nlp.sensitivities import Regularity
 
 #: How many problems are tried, over all kinds.
-NUMBER = int(os.environ.get("SCSO_SENSITIVITY", "66"))
+NUMBER = int(os.environ.get("SCSO_SENSITIVITY", "33"))
 #: Largest difference from central differences, over the largest derivative of the frame [-].
 PRECISION = 1e-6
 #: Optima are refined to this much of their size: differences are known to this over the step [-].
