@@ -10,6 +10,9 @@ from contextlib import contextmanager
 LOGGER = logging.getLogger("scso_nlp")
 #: One message of level INFO at the start of every stage of a run, e.g. "solving 73 frames".
 STAGES = logging.getLogger("scso_nlp.stages")
+#: How far a stage is, e.g. "solving, 128 of 1131 frames": many messages, for what shows them as they come.
+COUNTS = logging.getLogger("scso_nlp.stages.counts")
+COUNTS.propagate = False
 
 
 class _Kept(logging.Handler):

@@ -16,7 +16,7 @@ from scso_nlp.constraints.joint_stability import JointStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.declared_settings import MUSCLE_MODELS, SOLVERS
 from scso_nlp.frame import Frame
-from scso_nlp.messages import STAGES, kept_warnings
+from scso_nlp.messages import kept_warnings
 from scso_nlp.methods import static_optimization
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.muscle_model import MuscleModel
@@ -27,6 +27,7 @@ from scso_nlp.opensim.engine import load_motion, load_with_hashes
 from scso_nlp.opensim.model_names import model_names
 from scso_nlp.opensim.setup_xml import AnalyzeSetup, MotionInput, prepared_for, read_analyze_setup
 from scso_nlp.problem import MuscleForceProblem, as_objective
+from scso_nlp.progress import stages_shown
 from scso_nlp.report.record import RunRecord
 from scso_nlp.report.results import write_solution
 from scso_nlp.settings import OutputSettings, RunSettings, record
@@ -111,7 +112,7 @@ def solve(
     on_failure : "raise" or "return"
         Whether a failed frame raises or is only marked in ``Solution.frame_status``.
     processes, cache, progress
-        As for :func:`load_motion`.
+        As for :func:`load_motion`; progress is that of solving, too.
 
     Returns
     -------
@@ -144,28 +145,28 @@ def solve(
         setup = setup.motion
     further = tuple(map(as_objective, objectives))
     constraints = (*((stability,) if stability else ()), *constraints)
-    if isinstance(setup, MotionInput):
-        check_names(setup, constraints, weights)
-        setup = load_motion(
+    with stages_shown(progress):
+        if isinstance(setup, MotionInput):
+            check_names(setup, constraints, weights)
+            setup = load_motion(
+                setup,
+                prepare_for=(*((muscle_model,) if muscle_model else ()), *further, *constraints),
+                processes=processes,
+                cache=cache,
+            )
+        plain = static_optimization(
             setup,
-            prepare_for=(*((muscle_model,) if muscle_model else ()), *further, *constraints),
-            processes=processes,
-            cache=cache,
-            progress=progress,
+            muscle_model=muscle_model,
+            exponent=2.0 if exponent is None else exponent,
+            weights=weights,
+            passive_elements=passive_elements,
         )
-    plain = static_optimization(
-        setup,
-        muscle_model=muscle_model,
-        exponent=2.0 if exponent is None else exponent,
-        weights=weights,
-        passive_elements=passive_elements,
-    )
-    problem = replace(
-        plain,
-        objectives=(*plain.objectives, *further),
-        constraints=(*plain.constraints, *constraints),
-    )
-    found: Solution = SOLVERS[solver].thing(problem, options=options, on_failure=on_failure)
+        problem = replace(
+            plain,
+            objectives=(*plain.objectives, *further),
+            constraints=(*plain.constraints, *constraints),
+        )
+        found: Solution = SOLVERS[solver].thing(problem, options=options, on_failure=on_failure)
     return found
 
 
@@ -198,7 +199,6 @@ def run(
     """
     output = output or OutputSettings()
     with kept_warnings() as warnings:
-        STAGES.info("reading %s", settings.motion.model.name)
         started = time.perf_counter()
         motion, inputs = _extract(settings, output, prepare_for)
         seconds = {"extraction": time.perf_counter() - started}
@@ -207,12 +207,9 @@ def run(
             SOLVERS[settings.solver].thing, options=settings.options, on_failure="return"
         )
         baseline = None
-        frames = motion.trajectory.n_frames
         if settings.stability is not None:
-            STAGES.info("solving %d frames without stability rows", frames)
             baseline = solve(problem.without_stability())
             seconds["baseline"] = baseline.report.build_seconds + baseline.report.solve_seconds
-        STAGES.info("solving %d frames", frames)
         solution = solve(problem, baseline=baseline)
     facts = RunRecord(
         inputs={**settings.sources, **inputs},

@@ -180,7 +180,7 @@ class Skeleton:
         if n_muscles and not n_points and not self.virtual_rows:
             raise DataError(
                 "the skeleton has no points of muscle paths, expected some; read the motion again with "
-                "muscle_paths=True"
+                "prepare_for=[the stability constraint]"
             )
 
     def distal_bodies(self, joint: int) -> BoolArray:

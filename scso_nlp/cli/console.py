@@ -1,18 +1,13 @@
-"""What a command says while it works: warnings in groups, and in a terminal the stage it is at."""
+"""What a command says while it works: warnings, in groups."""
 
 from __future__ import annotations
 
 import logging
-import shutil
 import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
-from scso_nlp.messages import LOGGER, STAGES
 from scso_nlp.text import printable
-
-#: Goes to the start of a terminal's line and clears it.
-_CLEAR = "\r\x1b[2K"
 
 
 class Console(logging.Handler):
@@ -71,30 +66,3 @@ class Console(logging.Handler):
             print(printable(f"scso: {message}"), file=sys.stderr)
         except OSError:
             self.setLevel(logging.CRITICAL + 1)
-
-
-class _Stage(logging.Handler):
-    """Shows the stage in the last line of a terminal."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        line = printable(f"{record.getMessage()} ...")[: shutil.get_terminal_size().columns - 1]
-        print(f"{_CLEAR}{line}", end="", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def stages_shown() -> Iterator[None]:
-    """Show in a terminal what is being done while a block runs; nothing where the output is no terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    shown, level = _Stage(), STAGES.level
-    STAGES.addHandler(shown)
-    STAGES.setLevel(logging.INFO)
-    STAGES.propagate = LOGGER.isEnabledFor(logging.INFO)
-    try:
-        yield
-    finally:
-        STAGES.removeHandler(shown)
-        STAGES.setLevel(level)
-        STAGES.propagate = True
-        print(_CLEAR, end="", file=sys.stderr, flush=True)

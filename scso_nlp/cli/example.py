@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scso_nlp.cli.console import stages_shown
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
+from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def example(
             from scso_nlp.settings import OutputSettings, read_settings
 
         settings, _ = read_settings(source / "scso.toml")
-        with stages_shown():
+        with stages_shown(delay=0.0):
             result = run(settings)
         folder = output or Path("scso_results") / name
         if result.baseline is not None:

@@ -12,6 +12,7 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.declared_settings import reference, template
 from scso_nlp.exceptions import DataError
 from scso_nlp.files import write_whole
+from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
 #: Name of the file where none is given.
@@ -82,6 +83,7 @@ def _for_setup(setup: Path, path: Path) -> tuple[str, list[str]]:
     with undisturbed():
         from scso_nlp.first_settings import first_settings
 
-    found = first_settings(setup)
+    with stages_shown(delay=0.0):
+        found = first_settings(setup)
     reasons = [f"{name}: {reason}" for name, reason in found.reasons.items()]
     return found.text(path.absolute().parent), reasons

@@ -8,6 +8,8 @@ import typer
 
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.messages import STAGES
+from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
@@ -33,15 +35,18 @@ def reach(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         settings, where = read_settings(source, changes)
         if settings.stability is None:
             raise ProblemError("stability is off, choose what to look at with --stability")
-        problem = describe(settings, extract(settings, where))
-        found = reachable_stability(problem)
+        with stages_shown(delay=0.0):
+            problem = describe(settings, extract(settings, where))
+            STAGES.info("solving %d frames for the most stability of each row", problem.motion.n_frames)
+            found = reachable_stability(problem)
+            critical = critical_q(problem)
         typer.echo(f"{problem.motion.name}: {problem.motion.n_frames} frames")
         if problem.coupled_terms:
             typer.echo(f"  left out, because they couple frames: {', '.join(problem.coupled_terms)}")
         for each in found:
             for line in _rows(each):
                 typer.echo(line)
-        typer.echo(_gain(critical_q(problem), problem.motion.trajectory.time))
+        typer.echo(_gain(critical, problem.motion.trajectory.time))
         if not all(each.is_reachable.all() for each in found):
             raise typer.Exit(FRAME_FAILED)
 

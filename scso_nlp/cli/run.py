@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from scso_nlp.cli.console import stages_shown
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
 from scso_nlp.declared_settings import SETTINGS
 from scso_nlp.messages import STAGES
 from scso_nlp.opensim.workers import number_of_cores, started_early
+from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
     solved; 1: some frame failed, is acceptable only or misses a soft level; 2: input that cannot be used.
     """
     with exit_codes(verbose) as console, started_early(_most_workers(source, changes)):
-        with stages_shown(), undisturbed():
+        with stages_shown(delay=0.0), undisturbed():
             STAGES.info("starting")
             from scso_nlp.report.folder import read_report, refuse_unwritable
             from scso_nlp.run import run as solve
@@ -39,12 +39,12 @@ def run(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         folder = where.folder_for(settings.motion.name).absolute()
         refuse_unwritable(folder)
         before = (read_report(folder) or {}).get("warnings")
-        with stages_shown(), console.held_back():
+        with stages_shown(delay=0.0), console.held_back():
             result = solve(settings, where)
         console.tell(result.record.warnings, known=before if isinstance(before, list) else ())
         # known now; figures take longer than solving
         _tell_answer(result)
-        with stages_shown():
+        with stages_shown(delay=0.0):
             files = write_run(result, where)
         _tell_files(result, files)
         if not result.solution.verdict.is_clean:

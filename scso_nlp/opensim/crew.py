@@ -12,16 +12,15 @@ import logging
 import queue
 import signal
 import subprocess
-import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import IO, Any
-
-from tqdm import tqdm
 
 from scso_nlp import exceptions
 from scso_nlp.exceptions import EngineError, ScsoError
 from scso_nlp.io.storage import Storage, write_storage
+from scso_nlp.messages import COUNTS
 from scso_nlp.opensim.worker.exchange import (
     LOAD_DATA,
     Job,
@@ -37,8 +36,6 @@ from scso_nlp.opensim.workers import PATIENCE, Workers, number_of_cores, some_wo
 
 logger = logging.getLogger("scso_nlp")
 
-#: A bar appears only when the extraction lasts longer [s].
-PROGRESS_DELAY = 2.0
 #: Fewer frames than this per worker are not worth another process.
 MIN_FRAMES_PER_WORKER = 4
 #: A crew that says nothing for so long is given up [s]. Frames take milliseconds to seconds, large models
@@ -57,17 +54,13 @@ def number_of_workers(n_frames: int, processes: int | None) -> int:
     return max(min(number_of_cores(), n_frames // MIN_FRAMES_PER_WORKER), 1)
 
 
-def extract(
-    job: Job, n_workers: int, progress: bool | None, external_loads: tuple[str, Storage] | None
-) -> Result:
+def extract(job: Job, n_workers: int, external_loads: tuple[str, Storage] | None) -> Result:
     """Let workers do a job.
 
     Parameters
     ----------
     job : Job
     n_workers : int
-    progress : bool or None
-        Show a bar; None: on a terminal only.
     external_loads : (str, Storage) or None
         XML of the external loads, with `LOAD_DATA` as its data file, and these data.
 
@@ -88,7 +81,7 @@ def extract(
         if data is not None:
             write_storage(data, workers.folder / LOAD_DATA)
         write_job(workers.folder, job, xml)
-        _Crew(workers).work(sys.stderr.isatty() if progress is None else progress)
+        _Crew(workers).work()
         return read_result(workers.folder, n_workers)
 
 
@@ -103,7 +96,7 @@ def describe(request: Request) -> dict[str, Any]:
     with _workers_with_room() as workers:
         workers.become(1)
         write_request(workers.folder, request)
-        _Crew(workers).work(progress=False)
+        _Crew(workers).work()
         return read_header(workers.folder, 0)
 
 
@@ -113,9 +106,6 @@ def _workers_with_room() -> Iterator[Workers]:
     try:
         with some_workers() as workers:
             yield workers
-    except BrokenPipeError:
-        # of a progress bar that nobody reads any more
-        raise
     except OSError as error:
         raise EngineError(
             f"OpenSim's workers cannot be given their work: {error.strerror or error} (their temporary files "
@@ -135,7 +125,7 @@ class _Crew:
         self.shares = [0] * self.n_workers
         self.messages: queue.SimpleQueue[tuple[int, dict[str, Any] | None]] = queue.SimpleQueue()
 
-    def work(self, progress: bool) -> None:
+    def work(self) -> None:
         """Let all workers do what they are asked for; whatever goes wrong, none is left behind."""
         crew = self.workers.processes
         readers: list[threading.Thread] = []
@@ -145,7 +135,7 @@ class _Crew:
                 reader.start()
                 readers.append(reader)
             self.workers.begin()
-            self._wait(crew, progress)
+            self._wait(crew)
         finally:
             self.workers.end()
             for reader in readers:
@@ -163,27 +153,28 @@ class _Crew:
             self.messages.put((part, message))
         self.messages.put((part, None))
 
-    def _wait(self, crew: list[subprocess.Popen[str]], progress: bool) -> None:
+    def _wait(self, crew: list[subprocess.Popen[str]]) -> None:
         running = set(range(len(crew)))
         finished: set[int] = set()
-        with tqdm(
-            desc="OpenSim", unit="frame", delay=PROGRESS_DELAY, disable=not progress, leave=False
-        ) as bar:
-            while running:
-                part, message = self._next_message(running - finished)
-                if message is None:
-                    running.discard(part)
-                    if part not in finished:
-                        raise self._death(part, crew[part])
-                elif "error" in message:
-                    raise _refusal(message["error"], message["message"])
-                elif "total" in message:
-                    bar.total, self.shares[part] = message["total"], message["share"]
-                elif "frames" in message:
-                    bar.update(message["frames"] - self.frames[part])
-                    self.frames[part] = message["frames"]
-                elif message.get("done"):
-                    finished.add(part)
+        total, started = 0, time.monotonic()
+        while running:
+            part, message = self._next_message(running - finished)
+            if message is None:
+                running.discard(part)
+                if part not in finished:
+                    raise self._death(part, crew[part])
+            elif "error" in message:
+                raise _refusal(message["error"], message["message"])
+            elif "total" in message:
+                total, self.shares[part] = message["total"], message["share"]
+                started = time.monotonic()
+            elif "frames" in message:
+                self.frames[part] = message["frames"]
+                done, passed = sum(self.frames), time.monotonic() - started
+                left = f", {passed * (total - done) / done:.0f} s left" if done else ""
+                COUNTS.info("OpenSim, %d of %d frames%s", done, total, left)
+            elif message.get("done"):
+                finished.add(part)
 
     def _next_message(self, busy: set[int]) -> tuple[int, dict[str, Any] | None]:
         for _ in range(max(round(SILENCE / TICK), 1)):

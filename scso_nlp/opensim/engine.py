@@ -22,6 +22,7 @@ from scso_nlp.exceptions import DataError, EngineError
 from scso_nlp.files import absolute, hashes, make_folder, refuse_changed, require_file
 from scso_nlp.io.bundle import Provenance, load_bundle, save_bundle
 from scso_nlp.io.storage import Storage
+from scso_nlp.messages import STAGES
 from scso_nlp.motion import Motion
 from scso_nlp.needs import HasNeeds
 from scso_nlp.opensim import crew
@@ -38,6 +39,7 @@ from scso_nlp.opensim.setup_xml import (
     with_changes,
 )
 from scso_nlp.opensim.worker.exchange import Job
+from scso_nlp.progress import stages_shown
 from scso_nlp.versions import version_of
 
 logger = logging.getLogger("scso_nlp")
@@ -124,7 +126,7 @@ def load_motion(
         Folder of bundles by content: with the same input files, settings and versions the arrays are read
         from there, without OpenSim; else they are stored there.
     progress : bool, optional
-        Show a progress bar when it takes more than two seconds; by default only on a terminal.
+        Show how far it is when it takes more than a second; by default in a terminal or a notebook.
 
     Returns
     -------
@@ -225,7 +227,10 @@ def _extract(
     opensim_version()
     n_workers = crew.number_of_workers(checked.n_frames, processes)
     job = _job(checked, inputs)
-    return assemble(checked.motion, crew.extract(job, n_workers, progress, _loads(checked, job)))
+    with stages_shown(progress):
+        STAGES.info("reading %s", checked.motion.model.name)
+        found = crew.extract(job, n_workers, _loads(checked, job))
+    return assemble(checked.motion, found)
 
 
 def _job(checked: CheckedInput, inputs: Mapping[str, str]) -> Job:

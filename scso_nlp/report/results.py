@@ -24,7 +24,8 @@ from scso_nlp.contributions import row_contributions
 from scso_nlp.exceptions import DataError
 from scso_nlp.files import absolute, check_name, sha256, write_whole
 from scso_nlp.io.storage import Storage, write_storage
-from scso_nlp.messages import STAGES
+from scso_nlp.messages import COUNTS, STAGES
+from scso_nlp.progress import stages_shown
 from scso_nlp.report.contents import RESULT_FILES
 from scso_nlp.report.folder import (
     COMPLETE,
@@ -251,8 +252,12 @@ def _write_figures(solution: Solution, folder: Path, baseline: Solution | None) 
         from scso_nlp import figures
 
     name = solution.problem.motion.name
-    for what, draw in FIGURES.items():
-        figures.draw_and_save(functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}")
+    with stages_shown():
+        for what, draw in FIGURES.items():
+            COUNTS.info("drawing figures, %s; the results can be read already, in %s", what, folder)
+            figures.draw_and_save(
+                functools.partial(draw, figures, solution, baseline), folder, f"{name}_{what}"
+            )
 
 
 def _with_seconds(report: Mapping[str, Any], **seconds: float) -> dict[str, Any]:

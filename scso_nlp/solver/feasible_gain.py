@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import ProblemError
+from scso_nlp.messages import STAGES
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solver.conic import highest_eigenvalues
 from scso_nlp.solver.local_model import LocalModel
@@ -72,6 +73,7 @@ def feasible_q(problem: MuscleForceProblem) -> FloatArray:
     """
     if not problem.stability_terms:
         raise ProblemError("the problem has no stability constraint whose least feasible q could be found")
+    STAGES.info("finding the least q of %d frames", problem.motion.n_frames)
     return np.max([_feasible_gain(problem, term) for term in problem.stability_terms], axis=0)
 
 

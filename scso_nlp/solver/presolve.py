@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import daqp
 import numpy as np
 
+from scso_nlp.messages import COUNTS
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
@@ -151,7 +152,9 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: 
         confirmed = known.is_confirmed & solved
         frames = frames[~solved[frames]]
     objective = ConvexObjective.of(program)
-    for part in np.array_split(frames, -(-frames.size // FRAMES_AT_ONCE)) if frames.size else ():
+    n_parts = -(-frames.size // FRAMES_AT_ONCE)
+    for i, part in enumerate(np.array_split(frames, n_parts) if n_parts else ()):
+        COUNTS.info("solving, part %d of %d of %d frames", i + 1, n_parts, frames.size)
         block = Block(program, objective, part, start[part])
         with one_thread():
             block.solve()

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.exceptions import ProblemError
+from scso_nlp.messages import COUNTS
 from scso_nlp.solution import Solution, Status
 from scso_nlp.solver.feasibility import Impossible, contradiction, least_effort, out_of_reach
 from scso_nlp.solver.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
@@ -273,7 +274,9 @@ class _Run:
     def one_by_one(self) -> None:
         """Solve each waiting frame with one compiled program."""
         nlp, solver = self._build(1)
-        for k in self.waiting:
+        waiting = self.waiting
+        for i, k in enumerate(waiting):
+            COUNTS.info("solving one by one, frame %d of %d", i + 1, waiting.size)
             self.status[k] = self._call(nlp, solver, np.array([k])).status
 
     def again(self) -> None:

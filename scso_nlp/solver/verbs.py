@@ -10,8 +10,10 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import CouplingError, ProblemError
+from scso_nlp.messages import STAGES
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.progress import stages_shown
 from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
 from scso_nlp.solver.advice import next_steps
 from scso_nlp.solver.baseline import start_of_baseline
@@ -143,12 +145,14 @@ def _solve(
     for term in (problem.muscle_model, *problem.constraints):
         for note in term.notes(problem.motion):
             _LOG.info("%s: %s", problem.motion.name, note)
+    rows = "with" if problem.stability_terms else "without"
+    STAGES.info("solving %d frames %s stability rows", problem.motion.n_frames, rows)
     started = time.perf_counter()
     program = without_redundant_rows(describe(problem))
     if program.matrices:
         options = replace(options, tolerance=min(options.tolerance, _TOLERANCE_OF_ADDED_ROWS))
     effort = Effort(build_seconds=time.perf_counter() - started)
-    with one_thread():
+    with one_thread(), stages_shown():
         outcome, rounds = _solve_rounds(program, solver == "trajectory", given, options, effort)
     report = SolveReport(
         solver=solver,

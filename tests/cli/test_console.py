@@ -9,9 +9,10 @@ import time
 
 import pytest
 
-from scso_nlp.cli.console import Console, stages_shown
+from scso_nlp.cli.console import Console
 from scso_nlp.examples import example_folder
 from scso_nlp.messages import LOGGER, STAGES, kept_warnings
+from scso_nlp.progress import stages_shown
 
 
 @pytest.fixture

@@ -167,10 +167,10 @@ def test_a_file_that_changes_once_it_was_read_costs_nothing_and_has_the_hash_of_
     expected = load_motion(tiny.setup)
     work = crew._Crew.work
 
-    def edit_afterwards(self: crew._Crew, progress: bool) -> Result:
+    def edit_afterwards(self: crew._Crew) -> Result:
         tiny.moving.unlink()
         (tiny.folder / "hand.mot").unlink()
-        found = work(self, progress)
+        found = work(self)
         _heavier(tiny.model)
         return found
 
