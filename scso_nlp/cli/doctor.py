@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from scso_nlp.cli.exit_codes import BAD_INPUT, FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Source, Verbose, with_every_setting
+from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
 
 @with_every_setting
-def doctor(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
+def doctor(
+    source: Source,
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="All of it, as JSON.")] = False,
+    verbose: Verbose = False,
+    **changes: Any,
+) -> None:
     """Say what scso info says of a setup, and advise: stability that is there, the q it takes, reserves.
 
     Takes the settings of scso run and writes no files; without stability among them it looks at every row
@@ -34,14 +42,26 @@ def doctor(source: Source, *, verbose: Verbose = False, **changes: Any) -> None:
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDTH
         settings, where = read_settings(source, changes)
         found = info(settings.motion)
-        typer.echo(as_text(found.tables(), width))
+        if not as_json:
+            typer.echo(as_text(found.tables(), width))
         if found.inputs is not None and found.inputs.problem:
+            if as_json:
+                typer.echo(_as_json(info=found.to_dict()))
             raise typer.Exit(BAD_INPUT)
         typer.echo(f"{source.name}: solving with and without stability ...", err=True)
         # what there is to be said has been said above
-        with collected_notes():
+        with collected_notes(), stages_shown(delay=0.0):
             diagnosis = diagnose(settings, where, found.description)
-        typer.echo(as_text(advice_tables(diagnosis, str(source)), width), nl=False)
+        advice = advice_tables(diagnosis, str(source))
+        if as_json:
+            about = {**diagnosis.to_dict(), "advice": advice[-1].notes}
+            typer.echo(_as_json(info=found.to_dict(), **about))
+        else:
+            typer.echo(as_text(advice, width), nl=False)
         solved = diagnosis.baseline.is_solved.all()
         if not solved or any(row.is_out_of_reach.any() for row in diagnosis.rows):
             raise typer.Exit(FRAME_FAILED)
+
+
+def _as_json(**known: Any) -> str:
+    return json.dumps(known, indent=2, ensure_ascii=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.opensim.description import ModelDescription
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.problem import MuscleForceProblem
+from scso_nlp.report.record import plain
 from scso_nlp.run import check_names, describe
 from scso_nlp.settings import OutputSettings, RunSettings
 from scso_nlp.solution import Solution
@@ -83,6 +85,19 @@ class Diagnosis:
     def is_kept(self) -> BoolArray:
         """Tell in which frames static optimization keeps all rows, shape (n_frames,)."""
         return np.all([row.is_kept for row in self.rows], axis=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is known of frames and rows as text, numbers, lists and mappings."""
+        return {
+            "time": plain(self.baseline.problem.motion.trajectory.time),
+            "constraints": [repr(term) for term in self.constraints],
+            "is_solved_without_stability": plain(self.baseline.is_solved),
+            "is_solved_with_stability": None if self.solution is None else plain(self.solution.is_solved),
+            "rows": [
+                {**plain(row), "is_kept": plain(row.is_kept), "is_out_of_reach": plain(row.is_out_of_reach)}
+                for row in self.rows
+            ],
+        }
 
 
 @checked

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from scso_nlp.arguments import checked
 from scso_nlp.exceptions import FileFormatError
 from scso_nlp.files import absolute, require_file
@@ -20,6 +18,7 @@ from scso_nlp.overview import model_tables
 from scso_nlp.overview.input_tables import input_tables
 from scso_nlp.overview.inputs import Inputs, look_at_inputs
 from scso_nlp.overview.table import Table, as_html, as_text
+from scso_nlp.report.record import plain
 from scso_nlp.settings import read_settings
 
 #: Columns of text where there is no terminal.
@@ -81,8 +80,8 @@ class ModelInfo:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as text, numbers, lists and mappings; infinite numbers as text."""
-        return {"stable_rows": list(self.stable_rows), **_plain(self)}
+        """Return all of it as text, numbers, lists and mappings."""
+        return {"stable_rows": list(self.stable_rows), **plain(self)}
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as text."""
@@ -177,18 +176,3 @@ def _files_of_actuators(motion: MotionInput) -> dict[str, str]:
             continue
         found.update({member.get("name", ""): path.name for member in members})
     return found
-
-
-def _plain(value: Any) -> Any:
-    """Turn data classes, mappings, paths and arrays into what JSON knows."""
-    if dataclasses.is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if hasattr(value, "items"):
-        return {str(name): _plain(each) for name, each in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return str(value)
-    return str(value) if isinstance(value, Path) else value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import math
 from collections.abc import Mapping
@@ -177,6 +178,8 @@ def _proof(proof: InfeasibilityProof) -> dict[str, object]:
 
 def plain(value: Any) -> Any:
     """Turn NumPy numbers, tuples and paths into what JSON has; NaN becomes null, infinity text."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
