@@ -12,6 +12,8 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.exceptions import DataError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from scso_nlp.emg import Comparison, MotionResult
 
 Results = Annotated[
@@ -119,11 +121,12 @@ def read_comparison(
 def _write_figures(comparison: Comparison, folder: Path) -> None:
     from functools import partial
 
-    from scso_nlp.figures import draw_and_save, plot_activity, plot_mean_activity, plot_task_bars
-    from scso_nlp.figures.frames import FEW_FRAMES
+    from scso_nlp.figures import activity_pages, draw_and_save, plot_mean_activity, plot_task_bars
+    from scso_nlp.figures.comparison import are_tasks
 
-    figures = {"activity": plot_activity, "mean_activity": plot_mean_activity}
-    if len(comparison.time) <= FEW_FRAMES:
+    figures: dict[str, Callable[[Comparison], Figure | Sequence[Figure]]]
+    figures = {"activity": activity_pages, "mean_activity": plot_mean_activity}
+    if are_tasks(comparison):
         figures["tasks"] = plot_task_bars
     for what, draw in figures.items():
         draw_and_save(partial(draw, comparison), folder, f"comparison_{what}")

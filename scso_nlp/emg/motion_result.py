@@ -127,6 +127,12 @@ class MotionResult:
         """Number of frames."""
         return len(self.time)
 
+    @property
+    def is_at_rest(self) -> bool:
+        """True where the report says that nothing moves in any frame."""
+        problem = self.report.get("problem")
+        return isinstance(problem, Mapping) and bool(problem.get("at_rest"))
+
 
 def result_of(solution: Solution, label: str) -> MotionResult:
     """Take from a solution in memory what a comparison needs.
@@ -193,8 +199,14 @@ def read_result(folder: str | os.PathLike[str], label: str | None = None) -> Mot
     folder = absolute(folder)
     report = _read_report(folder)
     name = report["name"]
-    table = only_file(folder, name, "activation.sto")
     statuses = report["frame_status"]
+    failed = sum(status not in USABLE for status in statuses)
+    if failed and not any(folder.glob(f"{glob.escape(name)}_*_activation.sto")):
+        raise DataError(
+            f"{folder} has no activations, because {failed} of {len(statuses)} frames failed; run again with "
+            "--keep-failed for those of the others; scso report of it alone says what is missing"
+        )
+    table = only_file(folder, name, "activation.sto")
     if len(statuses) != table.n_frames:
         raise FileFormatError(
             f"{folder}: {_REPORT} has {len(statuses)} frames and {table.source} has {table.n_frames}: "

@@ -1,5 +1,6 @@
 """Figures of solutions and comparisons: one style, one panel grid; every function returns a new Figure."""
 
+from scso_nlp.figures.comparison import activity_pages as activity_pages
 from scso_nlp.figures.comparison import plot_activity as plot_activity
 from scso_nlp.figures.comparison import plot_mean_activity as plot_mean_activity
 from scso_nlp.figures.comparison import plot_sweep as plot_sweep

@@ -19,6 +19,8 @@ from scso_nlp.emg.comparison import EMG_LABEL, Comparison
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis, horizontal_axis
 from scso_nlp.figures.grid import add_legend, draw_curve, legend_entries, panel_grid
+from scso_nlp.figures.quantity import of_how_many, plot_quantity, quantity_pages
+from scso_nlp.figures.series import Series
 from scso_nlp.figures.style import (
     BASELINE,
     EMG_COLOR,
@@ -30,6 +32,7 @@ from scso_nlp.figures.style import (
     TEXT,
     TWO_COLUMNS,
     SeriesStyle,
+    ShownFigure,
     literal,
     quiet_axes,
     series_style,
@@ -43,7 +46,9 @@ _BARS_WIDTH, _BAR_WIDTH, _NAME_WIDTH, _BARS_HEIGHT = 155.0, 2.0, 5.5, 42.0
 
 
 def plot_activity(comparison: Comparison, *, horizontal: HorizontalAxis | None = None) -> Figure:
-    """Draw every group's activation over the motion, with the EMG envelope as a gray area behind.
+    """Draw activations over the motion: of every group with its EMG envelope as a gray area behind, if any.
+
+    Without EMG left and right of a group share a panel, and of many groups those are drawn that change most.
 
     Parameters
     ----------
@@ -61,12 +66,16 @@ def plot_activity(comparison: Comparison, *, horizontal: HorizontalAxis | None =
     DataError
         The horizontal values are not one per frame.
     """
+    heading = f"{comparison.results[0].name}: activation"
+    if comparison.emg is None:
+        series = _series(comparison)
+        return plot_quantity(series, heading=f"{heading}{of_how_many(series)}", horizontal=horizontal)
     axis = horizontal_axis(comparison.time, horizontal)
     figure, panels = panel_grid(
         comparison.group_names,
-        heading=f"{comparison.results[0].name}: activation",
+        heading=heading,
         x_label=axis.label,
-        y_label="Activation [-]" if comparison.emg is None else "Activation, EMG envelope [-]",
+        y_label="Activation, EMG envelope [-]",
         horizontal=axis,
         y_range=_y_range(*comparison.activity.values(), comparison.emg),
     )
@@ -79,6 +88,42 @@ def plot_activity(comparison: Comparison, *, horizontal: HorizontalAxis | None =
             draw_curve(panel, axis.values, activity, series_style(i), label=label)
     add_legend(figure)
     return figure
+
+
+def activity_pages(comparison: Comparison) -> tuple[Figure, ...]:
+    """Draw :func:`plot_activity`, and without EMG all groups on further pages where there are many.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    tuple of matplotlib.figure.Figure
+    """
+    if comparison.emg is not None:
+        return (plot_activity(comparison),)
+    return quantity_pages(_series(comparison), heading=f"{comparison.results[0].name}: activation")
+
+
+def _series(comparison: Comparison) -> tuple[Series, ...]:
+    return tuple(
+        Series(
+            label=label,
+            time=comparison.time,
+            names=comparison.group_names,
+            values=comparison.activity[label],
+            units=("-",),
+            are_tasks=are_tasks(comparison),
+        )
+        for label in comparison.labels
+    )
+
+
+def are_tasks(comparison: Comparison) -> bool:
+    """Tell whether nothing moves in a few frames, which then are tasks, not moments of a movement."""
+    at_rest = all(result.is_at_rest for result in comparison.results)
+    return at_rest and len(comparison.time) <= FEW_FRAMES
 
 
 def plot_mean_activity(comparison: Comparison) -> Figure:
@@ -99,7 +144,7 @@ def plot_mean_activity(comparison: Comparison) -> Figure:
     most = max(1, int(_BARS_WIDTH / max(_NAME_WIDTH, n_bars * _BAR_WIDTH)))
     rows = np.array_split(np.arange(len(names)), max(math.ceil(len(names) / most), 1))
     height = (12.0 + _BARS_HEIGHT * len(rows)) / INCH
-    figure = Figure(figsize=(TWO_COLUMNS / INCH, height), dpi=RESOLUTION, layout="constrained")
+    figure = ShownFigure(figsize=(TWO_COLUMNS / INCH, height), dpi=RESOLUTION, layout="constrained")
     panels = figure.subplots(len(rows), squeeze=False, sharey=True)[:, 0]
     means = {label: activity[used].mean(axis=0) for label, activity in comparison.activity.items()}
     measured = None if comparison.emg is None else comparison.emg[used].mean(axis=0)

@@ -26,6 +26,7 @@ from scso_nlp.figures.style import (
     TEXT,
     TWO_COLUMNS,
     SeriesStyle,
+    ShownFigure,
     literal,
     panel_title,
     quiet_axes,
@@ -107,7 +108,7 @@ def panel_grid(
     above = _ROW_GAP + _LINE * max((title.count("\n") + 1 for title in titles), default=1)
     top, bottom = _HEADING if heading else _TOP, _BOTTOM + below
     height = top + n_rows * (panel_height + above) + bottom
-    figure = Figure(figsize=(width / INCH, height / INCH), dpi=RESOLUTION)
+    figure = ShownFigure(figsize=(width / INCH, height / INCH), dpi=RESOLUTION)
     figure.subplots_adjust(
         left=(left + gap) / width, right=1 - _RIGHT / width,
         bottom=bottom / height, top=1 - (top + above) / height,

@@ -63,7 +63,8 @@ def plot_muscle_lines(
         highest = max(float(np.nanmax(activation[frames], initial=0.0)), 0.01)
     colors, scale = style.activation_colors(), Normalize(0.0, highest)
     moving = _crossed_joints(skeleton)
-    figure = Figure(figsize=(1.2 + 1.75 * len(frames), 5.2), dpi=style.RESOLUTION, layout="constrained")
+    size = (1.2 + 1.75 * len(frames), 5.2)
+    figure = style.ShownFigure(figsize=size, dpi=style.RESOLUTION, layout="constrained")
     panels = figure.subplots(2, len(frames), squeeze=False)
     views = ((0, 1, "side"), (2, 1, "front"))
     shown = skeleton.path_points[frames][skeleton.path_point_bodies[frames] != NO_POINT]

@@ -18,8 +18,8 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.figures.cycles import Course, over_cycle, over_time, task_by_task
 from scso_nlp.figures.frames import HorizontalAxis, shade_failed, spans
 from scso_nlp.figures.grid import add_legend, limits, panel_grid, text_width
-from scso_nlp.figures.series import Series, chosen, most_telling
-from scso_nlp.figures.sides import Sided
+from scso_nlp.figures.series import MOST_PANELS, Series, all_names, chosen, most_telling
+from scso_nlp.figures.sides import Sided, paired
 from scso_nlp.figures.style import (
     CURVE,
     LEAST_TEXT,
@@ -72,6 +72,8 @@ _LEAST_RANGE = 0.1
 _BELOW, _SATURATED = "unstable: below its level", "saturated"
 #: Height of a row of bars over saturated frames [-].
 _ROW = 0.035
+#: Panels of a page that shows all names.
+PANELS_PER_PAGE = 40
 
 
 def plot_quantity(
@@ -176,6 +178,45 @@ def plot_quantity(
             _name_tasks(axis, tasks)
     add_legend(figure, _entries(figure, courses, shown, looks, are_tasks=are_tasks), notes=notes)
     return figure
+
+
+def quantity_pages(
+    series: Sequence[Series], *, heading: str, quantity: str = "activation"
+) -> tuple[Figure, ...]:
+    """Draw all names on pages: first those that tell most, then all in their order.
+
+    Parameters
+    ----------
+    series, heading, quantity
+        As for :func:`plot_quantity`.
+
+    Returns
+    -------
+    tuple of matplotlib.figure.Figure
+        One page alone where it has all names.
+
+    Raises
+    ------
+    DataError
+        As for :func:`plot_quantity`.
+    """
+    pairs = paired(all_names(series))
+    pages = [plot_quantity(series, quantity=quantity, heading=f"{heading}{of_how_many(series)}")]
+    for i in range(0, len(pairs) if len(pairs) > MOST_PANELS else 0, PANELS_PER_PAGE):
+        of_page, number = pairs[i : i + PANELS_PER_PAGE], len(pages) + 1
+        pages.append(
+            plot_quantity(series, quantity=quantity, panels=of_page, heading=f"{heading}, page {number}")
+        )
+    return tuple(pages)
+
+
+def of_how_many(series: Sequence[Series]) -> str:
+    """Say what a heading must where not all names are drawn; empty where they are."""
+    n_pairs = len(paired(all_names(series)))
+    if n_pairs <= MOST_PANELS:
+        return ""
+    what = "that change most" if len(series) > 1 else "that are largest"
+    return f", the {MOST_PANELS} of {n_pairs} {what}"
 
 
 def _units(series: Series, panels: Sequence[Sided]) -> set[str]:

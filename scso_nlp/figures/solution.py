@@ -12,16 +12,12 @@ from scso_nlp.arguments import checked
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
 from scso_nlp.figures.moments import folded
-from scso_nlp.figures.quantity import plot_quantity
-from scso_nlp.figures.series import MOST_PANELS, Series, all_names, chosen
-from scso_nlp.figures.sides import paired
+from scso_nlp.figures.quantity import of_how_many, plot_quantity, quantity_pages
+from scso_nlp.figures.series import Series, chosen
 from scso_nlp.figures.style import BASELINE, MARK, REQUIRED, RESULT, TWO_COLUMNS, SeriesStyle
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import require_same_motion
 from scso_nlp.validation import FloatArray
-
-#: Panels of a page that shows all muscles.
-PANELS_PER_PAGE = 40
 
 
 @checked
@@ -116,14 +112,8 @@ def activation_pages(solution: Solution, *, baseline: Solution | None = None) ->
     NameMismatchError, DataError
         As for :func:`plot_activations`.
     """
-    both = _both(solution, baseline, "activation")
-    pairs = paired(all_names(both))
-    pages = [plot_activations(solution, baseline=baseline)]
-    heading = f"{solution.problem.motion.name}: activations, page"
-    for i in range(0, len(pairs) if len(pairs) > MOST_PANELS else 0, PANELS_PER_PAGE):
-        of_page = pairs[i : i + PANELS_PER_PAGE]
-        pages.append(plot_quantity(both, panels=of_page, heading=f"{heading} {len(pages) + 1}"))
-    return tuple(pages)
+    heading = f"{solution.problem.motion.name}: activations"
+    return quantity_pages(_both(solution, baseline, "activation"), heading=heading)
 
 
 @checked
@@ -287,11 +277,7 @@ def _of_muscles(
     horizontal: HorizontalAxis | None,
 ) -> Figure:
     both = _both(solution, baseline, quantity)
-    n_pairs = len(paired(all_names(both)))
-    heading = f"{solution.problem.motion.name}: {plural}"
-    if not muscles and n_pairs > MOST_PANELS:
-        what = "that change most" if baseline is not None else "that are largest"
-        heading += f", the {MOST_PANELS} of {n_pairs} {what}"
+    heading = f"{solution.problem.motion.name}: {plural}{'' if muscles else of_how_many(both)}"
     return plot_quantity(
         both, quantity=quantity, names=muscles, width=width, heading=heading, horizontal=horizontal
     )

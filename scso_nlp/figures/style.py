@@ -6,10 +6,12 @@ repeat the distinction without color. Nothing here touches matplotlib's global s
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 #: Color of measured EMG.
@@ -59,6 +61,15 @@ def series_style(position: int) -> SeriesStyle:
         line=_LINES[position % len(_LINES)],
         hatch=_HATCHES[position % len(_HATCHES)],
     )
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows, whether pyplot was imported or not."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
 
 
 #: The run that others are compared with, usually plain static optimization.

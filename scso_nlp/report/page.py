@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
 from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
-from scso_nlp.figures.comparison import plot_activity, plot_mean_activity, plot_task_bars
-from scso_nlp.figures.frames import FEW_FRAMES
+from scso_nlp.figures.comparison import are_tasks, plot_activity, plot_mean_activity, plot_task_bars
 from scso_nlp.figures.quantity import plot_quantity
 from scso_nlp.figures.series import Series
 from scso_nlp.figures.sides import paired
@@ -200,7 +199,7 @@ def _standard_figures(comparison: Comparison) -> dict[str, Figure]:
             plot_mean_activity(comparison)
         )
     }
-    if len(comparison.time) <= FEW_FRAMES:
+    if are_tasks(comparison):
         figures["Activation in every task, by its time."] = plot_task_bars(comparison)
     else:
         figures["Activation over the motion. Frames that are not solved are left blank."] = plot_activity(

@@ -264,5 +264,5 @@ def _series(
         units=(unit,),
         level=level,
         highest=highest,
-        are_tasks=bool(result.report["problem"].get("at_rest")) and len(result.time) <= FEW_FRAMES,
+        are_tasks=result.is_at_rest and len(result.time) <= FEW_FRAMES,
     )

@@ -65,7 +65,7 @@ def test_a_figure_that_fails_costs_compare_neither_table_nor_exit_code(runs, mon
     def broken(*_):
         raise RuntimeError("no such font")
 
-    monkeypatch.setattr("scso_nlp.figures.plot_activity", broken)
+    monkeypatch.setattr("scso_nlp.figures.activity_pages", broken)
     found = call("compare", runs / "so", runs / "scso", "--output", runs / "out")
     assert (found.exit_code, found.stderr) == (
         0,
@@ -142,3 +142,13 @@ def test_a_reader_that_closes_the_pipe_is_no_bug_and_the_files_are_written(runs)
     # 128 + SIGPIPE, what a shell says of a program that ends this way
     assert (done.returncode, done.stderr) == (141, "")
     assert (runs / "out" / "comparison.csv").is_file()
+
+
+@pytest.mark.parametrize("command", ["compare", "report"])
+def test_a_run_that_left_no_activations_says_why_and_what_to_do(runs, command):
+    write_solution(solution_by_hand(21, failed=(1, 3)), runs / "bad")
+    found = call(command, runs / "bad", *([runs / "so"] if command == "report" else []))
+    assert found.exit_code == 2
+    assert (
+        "bad has no activations, because 2 of 21 frames failed; run again with --keep-failed" in found.stderr
+    )

@@ -72,3 +72,8 @@ def test_nothing_is_cut_off_by_the_edges_of_the_page(n_panels, y_range):
     assert box.x1 < width - margin
     assert box.y0 > margin
     assert box.y1 < height - margin
+
+
+def test_a_notebook_shows_figures_without_pyplot():
+    figure, _ = panel_grid(["soleus"], x_label="Time [s]", y_label="Activation [-]")
+    assert figure._repr_png_().startswith(b"\x89PNG")
