@@ -63,14 +63,21 @@ class FirstSettings:
     def reasons(self) -> dict[str, str]:
         """Why each setting is as it is, one sentence each, by name."""
         n, known = len(self.least), [gain for gain in self.least if math.isfinite(gain)]
+        without_moments = sum(map(math.isnan, self.least))
         gain = f"{self.n_enough} of {n} frames looked at have an answer at q = {self.q:g}; "
         gain += f"they need {min(known):.3g} to {max(known):.3g}" if known else "no gain is enough"
         gain += "; published gains are {:g} to {:g}, that of the trunk is 5".format(*PUBLISHED_GAINS)
+        if without_moments:
+            gain += (
+                f"; in {without_moments} frames muscles and actuators cannot make the moments at any gain: "
+            )
+            gain += "add reserves (--actuators RESERVES.xml)"
         rows = f"rows about {', '.join(self.rows)}"
         rows += f"; left out where {self.left_out}" if self.left_out else ""
         hard = "none, as all levels can be kept"
         if self.soft is not None:
-            hard = f"{n - self.n_enough} frames cannot keep their levels and miss them at this price"
+            n_short = n - self.n_enough - without_moments
+            hard = f"{n_short} frames cannot keep their levels and miss them at this price"
         return {"q": gain, "joints": rows, "soft": hard}
 
     def text(self, folder: Path) -> str:
@@ -122,7 +129,8 @@ def first_settings(setup: str | os.PathLike[str]) -> FirstSettings:
     problem = describe(settings, motion)
     step = math.ceil(motion.n_frames / MOST_FRAMES)
     least = feasible_q(problem.frames(range(0, motion.n_frames, step)))
-    most = float(np.max(least)) if np.isfinite(least).all() else math.inf
+    # NaN where no gain is of any help
+    most = float(np.max(least, where=~np.isnan(least), initial=0.0))
     is_hard = most <= PUBLISHED_GAINS[1]
     default = float(SETTINGS["q"].default)
     (stability,) = (term for term in problem.constraints if isinstance(term, JointStability))

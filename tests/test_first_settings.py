@@ -56,4 +56,8 @@ def test_frames_that_cannot_keep_their_levels_make_them_soft_and_are_counted(tmp
     assert settings.reasons["q"].startswith(
         "1 of 4 frames looked at have an answer at q = 42; they need 3 to 50"
     )
-    assert settings.reasons["soft"].startswith("3 frames cannot keep their levels")
+    assert settings.reasons["soft"].startswith("2 frames cannot keep their levels")
+    assert (
+        "; in 1 frames muscles and actuators cannot make the moments at any gain: add reserves"
+        in (settings.reasons["q"])
+    )

@@ -116,12 +116,13 @@ def _on_power(found: Diagnosis, source: str) -> list[str]:
     if not found.rows:
         return ["there is no stability row that muscles can keep: --stability full looks along coordinates"]
     kept, n = int(found.is_kept.sum()), int(found.baseline.is_solved.sum())
+    frames = f"{n} frames" if found.baseline.is_solved.all() else f"{n} frames that it solves"
     advice = []
     if kept == n:
-        advice.append(f"static optimization keeps all rows in all {n} frames: stability changes nothing here")
+        advice.append(f"static optimization keeps all rows in all {frames}: stability changes nothing here")
     else:
         advice.append(
-            f"static optimization keeps all rows in {kept} of {n} frames: "
+            f"static optimization keeps all rows in {kept} of {frames}: "
             f"stability changes the other {n - kept}"
         )
     out = [row for row in found.rows if row.is_out_of_reach.any()]

@@ -237,12 +237,17 @@ def _course(coordinate: str, inputs: Inputs, scale: float) -> str:
 
 
 def _both_sides(forces: FloatArray) -> str:
-    plus, minus = forces[forces > 0].sum(), -forces[forces < 0].sum()
-    return f"+{plus:.3g} / −{minus:.3g}" if forces.any() else "–"
+    plus, minus = forces[forces > 0].sum(), forces[forces < 0].sum()
+    return f"+{_brief(plus)} / −{_brief(minus)}" if forces.any() else "–"
+
+
+def _brief(force: float) -> str:
+    """Write the size of a force with three digits that count, never as a power of ten up to a million."""
+    return f"{abs(float(f'{force:.3g}')):g}"
 
 
 def _each(forces: FloatArray) -> str:
-    return " + ".join(f"{abs(force):.3g}" for force in forces if abs(force) > LEAST_FORCE) or "–"
+    return " + ".join(_brief(force) for force in forces if abs(force) > LEAST_FORCE) or "–"
 
 
 def _pushed(model: ModelDescription, actuator: int) -> str:
