@@ -102,15 +102,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]], most: int = MOS
         return ""
     lines = [_line("th", head), *(_line("td", row) for row in rows[:most])]
     if len(rows) > most:
-        lines.append(f'<tr><td colspan="{len(head)}">and {len(rows) - most} more</td></tr>')
-    return f"<table>{''.join(lines)}</table>"
+        lines.append(f"<tr>{_cell('td', f'and {len(rows) - most} more', f' colspan={len(head)}')}</tr>")
+    # a narrow screen scrolls the table, not the page
+    return f'<div style="overflow-x: auto"><table>{"".join(lines)}</table></div>'
 
 
 def _line(kind: str, cells: Sequence[object]) -> str:
     return f"<tr>{''.join(_cell(kind, cell) for cell in cells)}</tr>"
 
 
-def _cell(kind: str, value: object) -> str:
+def _cell(kind: str, value: object, attributes: str = "") -> str:
     if isinstance(value, str):
-        return f'<{kind} style="text-align: left">{escape(value)}</{kind}>'
+        return f'<{kind}{attributes} style="text-align: left">{escape(value)}</{kind}>'
     return f"<{kind}>{value:.4g}</{kind}>"
