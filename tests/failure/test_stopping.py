@@ -101,9 +101,21 @@ for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 os.execv(sys.executable, [sys.executable, "-c", sys.argv[1]])
 """
 
-COMMAND_LINE = """
-from scso_nlp.cli import app
-app(["run", "setup.xml", "--output", "results", "--processes", "1"])
+
+def command_line(arguments: str) -> str:
+    return f"from scso_nlp.cli import app\napp({arguments.split()!r})\n"
+
+
+COMMAND_LINE = command_line("run setup.xml --output results --processes 1")
+
+#: Says when a figure for print is drawn, and takes a minute for it.
+SLOW_PLOT = """
+import time
+import scso_nlp.figures.quantity as quantity
+def slow(*_, **options):
+    print("now", flush=True)
+    time.sleep(60)
+quantity.plot_quantity = slow
 """
 
 
@@ -184,6 +196,27 @@ def test_results_are_safe_before_the_first_figure(spine):
     assert {f"spine_load_height_{what}" for what in ("status.sto", "activations.png")} < left
     assert {"report.json", "spine_load_height_StaticOptimization_force.sto"} < left
     assert not any("moments.p" in name or name.startswith(".") for name in left)
+
+
+@pytest.mark.opensim
+@pytest.mark.parametrize(
+    ("command", "slow"),
+    [
+        ("info setup.xml", SLOW_WORKER),
+        ("doctor setup.xml", SLOW_WORKER),
+        ("init setup.xml new.toml", SLOW_WORKER),
+        ("reach setup.xml --stability potvin-brown", SLOW_WORKER),
+        ("plot results", SLOW_PLOT),
+    ],
+)
+def test_other_commands_end_at_once_and_leave_nothing(spine, command, slow):
+    before = content(spine)
+    code, words, delay = stop(slow + command_line(command), signal.SIGINT, spine)
+    assert code == 130
+    assert words.splitlines()[-1] == "stopped"
+    assert "Traceback" not in words
+    assert content(spine) == before
+    assert delay < 20
 
 
 def _by(number: int) -> str:
