@@ -20,7 +20,7 @@ _REWRITTEN = (
     (re.compile(r"\\([bB]igg?)(?=\s*(?:[)\]]|\\\}))"), r"\\\1r"),
     (re.compile(r"(\\[dt]?frac)(\d)"), r"\1{\2}"),  # \frac12: digits are taken together
     (re.compile(r"(\\[dt]?frac\{\d\})(\w)"), r"\1{\2}"),
-    (re.compile(r"(\\(?:tilde|bar|dot|hat)\s*(?:\\[a-zA-Z]+|\w))_"), r"\1{}_"),  # no limits of accents
+    (re.compile(r"(\\(?:tilde|bar|ddot|dot|hat)\s*(?:\\[a-zA-Z]+|\w))_"), r"\1{}_"),  # no limits of accents
 )
 
 
