@@ -93,6 +93,8 @@ def test_a_page_can_be_followed_from_top_to_bottom(path, reader):
     if "--copy ." not in path.read_text(encoding="utf-8") or path.parent != DOCS:
         shutil.copytree(example_folder("spine-load-height"), reader, dirs_exist_ok=True)
         (reader / "scso.toml").unlink()
+    if "scso batch" in path.read_text(encoding="utf-8"):
+        pytest.importorskip("distributed", reason="needs Dask; pip install '.[studies]' brings it")
     names = {}
     for language, text in blocks(path):
         if language == "python":

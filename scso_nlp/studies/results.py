@@ -125,6 +125,18 @@ def read(folder: str | os.PathLike[str], *, reference: str | None = None) -> Stu
         The reference is no condition of it.
     ScsoError
         pandas or pyarrow is not installed.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> plan = scso.studies.plan(example_folder("elbow"), final_time=1.0)
+    >>> with TemporaryDirectory() as folder:
+    ...     result = scso.studies.run(plan, output=folder, workers=1)
+    ...     study = scso.studies.read(folder)
+    >>> study
+    elbow: 1 trial of 1 person by 1 condition, 1 of 1 done
+    >>> study.table.query("name == 'biceps' and statistic == 'peak'")["quantity"].tolist()
+    ['activation', 'force']
     """
     pd, folder = pandas(), absolute(folder)
     plan = read_study(folder)
