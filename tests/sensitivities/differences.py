@@ -13,7 +13,7 @@ from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.solver.redundant import without_redundant_rows
 from scso_nlp.transcription.describe import describe
 
-EXPONENTS = (1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+EXPONENTS = (2.0, 1.2, 10.0, 3.0, 1.5, 5.0)
 RESERVES = (None, 2.0, 50.0)
 #: Steps as shares of the size of a parameter, tried one after the other.
 STEPS = (1e-4, 1e-3, 1e-5, 1e-6)
@@ -141,7 +141,12 @@ def problem_of(seed):
     kind = KINDS[seed % len(KINDS)]
     exponent = EXPONENTS[seed // len(KINDS) % len(EXPONENTS)]
     reserve = RESERVES[seed // (len(KINDS) * len(EXPONENTS)) % len(RESERVES)]
-    return rng, kind.__name__, exponent, kind(rng, exponent, reserve)
+    problem = kind(rng, exponent, reserve)
+    constraints = tuple(
+        dataclasses.replace(c, passive_stiffness={"*": 1.0}) if isinstance(c, scso.JointStability) else c
+        for c in problem.constraints
+    )
+    return rng, kind.__name__, exponent, dataclasses.replace(problem, constraints=constraints)
 
 
 def parameter_of(rng, problem):
