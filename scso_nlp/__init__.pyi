@@ -1,11 +1,15 @@
 """Public names, each once: type checkers read this file, and the package imports from it on first use."""
 
 from . import studies as studies
+from .activity import MuscleActivity as MuscleActivity
 from .constraints.activation_dynamics import ActivationDynamics as ActivationDynamics
+from .constraints.activation_floor import ActivationFloor as ActivationFloor
 from .constraints.activation_rate import ActivationRate as ActivationRate
+from .constraints.antagonist_ratio import AntagonistRatio as AntagonistRatio
 from .constraints.constraint import FrameConstraint as FrameConstraint
 from .constraints.constraint import FramePairConstraint as FramePairConstraint
 from .constraints.coordinate_stability import CoordinateStability as CoordinateStability
+from .constraints.emg_bounds import EmgBounds as EmgBounds
 from .constraints.hessian_stability import HessianStability as HessianStability
 from .constraints.joint_reaction_cone import JointReactionCone as JointReactionCone
 from .constraints.joint_reaction_limit import JointReactionLimit as JointReactionLimit
@@ -46,6 +50,7 @@ from .muscle_models.compliant_tendon import CompliantTendon as CompliantTendon
 from .muscle_models.muscle_model import MuscleModel as MuscleModel
 from .muscle_models.no_physiology import NoPhysiology as NoPhysiology
 from .muscle_models.rigid_tendon import RigidTendon as RigidTendon
+from .muscle_models.stiffness_law import FallingStiffness as FallingStiffness
 from .muscle_models.stiffness_law import FiberStiffness as FiberStiffness
 from .muscle_models.stiffness_law import ProportionalStiffness as ProportionalStiffness
 from .muscle_models.stiffness_law import ShortRangeStiffness as ShortRangeStiffness
@@ -53,10 +58,12 @@ from .muscle_models.stiffness_law import StiffnessLaw as StiffnessLaw
 from .muscles import ActuatorParameters as ActuatorParameters
 from .muscles import MuscleParameters as MuscleParameters
 from .objectives.activation_effort import ActivationEffort as ActivationEffort
+from .objectives.emg_tracking import EmgTracking as EmgTracking
 from .objectives.function_objective import FunctionObjective as FunctionObjective
 from .objectives.joint_reaction_effort import JointReactionEffort as JointReactionEffort
 from .objectives.objective import FrameObjective as FrameObjective
 from .objectives.objective import FramePairObjective as FramePairObjective
+from .objectives.shifted_effort import ShiftedEffort as ShiftedEffort
 from .opensim.engine import load_motion as load_motion
 from .overview.info import ModelInfo as ModelInfo
 from .overview.info import info as info
@@ -81,11 +88,14 @@ from .solution import SolveFailed as SolveFailed
 from .solution import SolveReport as SolveReport
 from .solution import StabilityMargin as StabilityMargin
 from .solution import Status as Status
+from .solver import EqualEffort as EqualEffort
 from .solver import Reach as Reach
 from .solver import SolverOptions as SolverOptions
+from .solver import at_effort as at_effort
 from .solver import critical_q as critical_q
 from .solver import feasible_q as feasible_q
 from .solver import observe as observe
+from .solver import random_patterns as random_patterns
 from .solver import reachable_stability as reachable_stability
 from .solver import solve_framewise as solve_framewise
 from .solver import solve_trajectory as solve_trajectory

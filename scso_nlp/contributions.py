@@ -92,7 +92,7 @@ def row_contributions(solution: Solution, name: str | None = None) -> Contributi
     term = _chosen(solution, name)
     rows = term.stability_rows(solution.problem.motion)
     # the Hessian's own rows hold its passive stiffness already
-    passive = 0.0 if isinstance(term, HessianStability) else term.by_row(term.passive_stiffness, rows.rows)
+    passive = 0.0 if isinstance(term, HessianStability) else term.passive_by_row(rows.rows)
     force, stiffness = _force_and_stiffness(solution, term)
     return Contributions(
         constraint=term.name,

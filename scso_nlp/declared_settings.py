@@ -51,6 +51,7 @@ STABILITY_METHODS = {
 }
 STIFFNESS_LAWS = {
     "proportional": Named("muscle_models.stiffness_law:ProportionalStiffness"),
+    "falling": Named("muscle_models.stiffness_law:FallingStiffness"),
     "short-range": Named("muscle_models.stiffness_law:ShortRangeStiffness"),
     "fiber": Named("muscle_models.stiffness_law:FiberStiffness"),
 }
@@ -262,6 +263,7 @@ def _absolute(folder: Path, read: Any) -> Any:
 MOTION = Group("The motion: an AnalyzeTool setup file, or its parts by name", "motion")
 PROBLEM = Group("The problem", "run")
 STABILITY = Group("Joint stability", "stability")
+EMG = Group("Electromyography", "emg")
 SOLVER = Group("The solver", "options")
 OUTPUT = Group("The output", "output")
 
@@ -351,12 +353,34 @@ SETTINGS = {setting.name: setting for setting in (
         help="Coordinates of diagonal and full"),
     Setting("stiffness", _one_of(*STIFFNESS_LAWS), STABILITY, example='"proportional"',
         default="proportional",
-        help="Law of muscle stiffness: proportional (q); short-range or fiber, with the tendon in series"),
+        help="Law of muscle stiffness: proportional (q), or falling with force from q on; short-range or "
+        "fiber, with the tendon in series"),
+    Setting("half_force", NUMBER, STABILITY, place="stiffness.half_force", example="0.5",
+        default="0.5, where falling", unit="maximum isometric forces",
+        help="Force at which falling stiffness has half its q"),
+    Setting("tendon_compliance", NUMBER, STABILITY, place="stiffness.tendon_compliance", example="4.0",
+        default="1, where short-range",
+        help="How many times as compliant tendons are as the model has them, for short-range"),
     Setting("passive", TABLE_OR_PATH, STABILITY, place="stability.passive_stiffness", unit="N.m/rad",
         example='{ "knee_angle_r" = 5.0 }', default="none",
         help="Passive stiffness besides the model's own, by row, or a .toml or .csv file"),
+    Setting("passive_factor", NUMBER, STABILITY, place="stability.passive_factor", example="0.5", default="1",
+        help="How much of all passive stiffness counts, the model's own too"),
     Setting("soft", NUMBER, STABILITY, unit="objective per N.m/rad", example="1.0", default="they may not",
         help="Let levels be missed, at this price"),
+    Setting("emg", PATH, EMG, place="emg.file", example='"emg.sto"', default="none",
+        help="EMG envelopes over time, .sto, .mot or .csv, that activations are held to; needs emg_map, and "
+        "emg_tracking or emg_bounds"),
+    Setting("emg_map", PATH, EMG, place="emg.map", example='"emg_map.toml"', default="none",
+        help="TOML file: groups of muscles, the EMG channels over them, their references, scales and delays"),
+    Setting("raw_emg", FLAG, EMG, place="emg.is_raw", example="false", default="false",
+        help="The EMG is raw: band-pass, rectify and smooth it first"),
+    Setting("emg_offset", NUMBER, EMG, place="emg.offset", unit="s", example="0.0", default="0",
+        help="Added to the times of the EMG"),
+    Setting("emg_tracking", NUMBER, EMG, place="emg.tracking", example="10.0", default="none",
+        help="Weight of squared distances of activations from EMG in the objective"),
+    Setting("emg_bounds", NUMBER, EMG, place="emg.bounds", example="0.1", default="none",
+        help="Keep activations at most so far from EMG"),
     Setting("solver", _one_of(*SOLVERS), SOLVER, place="run.solver", example='"trajectory"',
         default="trajectory", help="All frames together (trajectory), or one after the other (framewise)"),
     Setting("tolerance", NUMBER, SOLVER, example="1e-10", default="1e-10",

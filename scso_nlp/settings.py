@@ -5,17 +5,20 @@ What a setting may be is declared in :mod:`scso_nlp.declared_settings`; here it 
 
 from __future__ import annotations
 
+import functools
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from scso_nlp.activity import MuscleActivity
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.activation_dynamics import ActivationDynamics
 from scso_nlp.constraints.activation_rate import ActivationRate
 from scso_nlp.constraints.constraint import FrameConstraint, FramePairConstraint
+from scso_nlp.constraints.emg_bounds import EmgBounds
 from scso_nlp.constraints.joint_reaction_cone import JointReactionCone
 from scso_nlp.constraints.joint_reaction_limit import JointReactionLimit
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
@@ -28,9 +31,11 @@ from scso_nlp.declared_settings import (
     name_of,
     of_type,
 )
+from scso_nlp.emg import read_activity
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError, ProblemError
 from scso_nlp.files import absolute, check_name, hashes, read_text, read_toml, refuse_changed
 from scso_nlp.objectives.activation_effort import ActivationEffort
+from scso_nlp.objectives.emg_tracking import EmgTracking
 from scso_nlp.objectives.joint_reaction_effort import JointReactionEffort
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.opensim.setup_xml import (
@@ -51,6 +56,65 @@ _LOG = logging.getLogger("scso_nlp")
 RESULTS = "scso_results"
 #: Either of them decides the muscle model.
 _MODEL_SETTINGS = ("muscle_model", "muscle_physiology")
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class EmgSettings:
+    """EMG that activations are held to, if any.
+
+    Attributes
+    ----------
+    file, map : Path or None
+        As for :func:`scso_nlp.emg.read_activity`.
+    is_raw : bool
+        Make envelopes of it first.
+    offset : float [s]
+        Added to its times.
+    tracking : float or None [-]
+        Weight of :class:`~scso_nlp.EmgTracking`.
+    bounds : float or None [-]
+        Width on both sides of :class:`~scso_nlp.EmgBounds`.
+    """
+
+    file: Path | None = None
+    map: Path | None = None
+    is_raw: bool = False
+    offset: float = 0.0
+    tracking: float | None = None
+    bounds: float | None = None
+
+    def __post_init__(self) -> None:
+        is_idle = self.tracking is None and self.bounds is None
+        is_without = self.file is None and self.map is None and not self.is_raw and not self.offset
+        if is_without and is_idle:
+            return
+        if self.file is None or self.map is None:
+            raise ProblemError("EMG takes a file and a map of its channels, expected emg and emg_map")
+        if is_idle:
+            raise ProblemError(f"{self.file} has no effect, expected emg_tracking or emg_bounds beside it")
+        self.objectives, self.constraints  # noqa: B018 - reads the files, and the terms check the numbers
+
+    @functools.cached_property
+    def activity(self) -> MuscleActivity:
+        """What the files hold."""
+        assert self.file is not None  # seen to by __post_init__
+        assert self.map is not None
+        return read_activity(self.file, self.map, is_raw=self.is_raw, start_offset=self.offset)
+
+    @property
+    def objectives(self) -> tuple[FrameObjective, ...]:
+        """Tracking, if it has a weight."""
+        if self.tracking is None:
+            return ()
+        return (EmgTracking(activity=self.activity, weight=self.tracking),)
+
+    @property
+    def constraints(self) -> tuple[FrameConstraint, ...]:
+        """Bounds, if they have a width."""
+        if self.bounds is None:
+            return ()
+        return (EmgBounds(activity=self.activity, below=self.bounds, above=self.bounds),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +149,7 @@ class RunSettings:
         with elastic tendons; or force proportional to activation.
     stability : StabilityConstraint or None
         None: plain static optimization.
+    emg : EmgSettings
     solver : "trajectory" or "framewise"
     options : SolverOptions
     setup : Path or None
@@ -107,6 +172,7 @@ class RunSettings:
     joint_reaction_cone: Mapping[str, Sequence[float]] | None = None
     muscle_model: str = "opensim-rigid"
     stability: StabilityConstraint | None = None
+    emg: EmgSettings = field(default_factory=EmgSettings)
     solver: str = "trajectory"
     options: SolverOptions = field(default_factory=SolverOptions)
     setup: Path | None = None
@@ -132,12 +198,13 @@ class RunSettings:
     @property
     def objectives(self) -> tuple[FrameObjective, ...]:
         """What is asked for besides the effort of the activations."""
+        terms = list(self.emg.objectives)
         weights = self.joint_reaction_effort
-        if weights is None:
-            return ()
         if isinstance(weights, Mapping):
-            return (JointReactionEffort(joints=tuple(weights), weights=weights),)
-        return (JointReactionEffort(weight=weights),)
+            terms.append(JointReactionEffort(joints=tuple(weights), weights=weights))
+        elif weights is not None:
+            terms.append(JointReactionEffort(weight=weights))
+        return tuple(terms)
 
     @property
     def constraints(self) -> tuple[FrameConstraint | FramePairConstraint, ...]:
@@ -156,7 +223,7 @@ class RunSettings:
         for joint, (*axis, slope) in (self.joint_reaction_cone or {}).items():
             label = f"JointReactionCone_{joint}"
             terms.append(JointReactionCone(joints=[joint], axis=axis, slope=slope, label=label))
-        return tuple(terms)
+        return (*terms, *self.emg.constraints)
 
     @property
     def muscle_physiology(self) -> bool:
@@ -199,13 +266,14 @@ class OutputSettings:
 def record(settings: RunSettings, output: OutputSettings) -> dict[str, Any]:
     """Give the value in effect of every setting, None where it has none, for ``report.json``."""
     values: dict[str, Any] = {}
+    law = settings.stability.stiffness_law if settings.stability else None
     for name, setting in SETTINGS.items():
         part, _, field = setting.place.partition(".")
-        owner = {"run": settings, "output": output}.get(part) or getattr(settings, part)
+        owners = {"run": settings, "output": output, "stiffness": law}
+        owner = owners[part] if part in owners else getattr(settings, part)
         values[name] = getattr(owner, field, None)
     if settings.stability is None:
         return values | {"stability": "off"}
-    law = settings.stability.stiffness_law
     values["stability"] = name_of(settings.stability, STABILITY_METHODS)
     values["stiffness"] = name_of(law, STIFFNESS_LAWS)
     values["q"] = getattr(law, "q", None)
@@ -345,7 +413,7 @@ def _settings(
     given: Mapping[str, Any], where: str, before: Mapping[str, str], output: Mapping[str, Any]
 ) -> tuple[RunSettings, OutputSettings]:
     """Make objects of checked settings; `before` are hashes of files that these were read from."""
-    named = (given.get("setup"), given.get("passive"))
+    named = (given.get(name) for name in ("setup", "passive", "emg", "emg_map"))
     sources = {**before, **hashes(file for file in named if isinstance(file, Path) and os.path.isfile(file))}
     results = OutputSettings(**{**output, **_fields("output", given)})
     settings = _run_settings(given, where, sources, results)
@@ -364,6 +432,7 @@ def _with_effect(method: str) -> set[str]:
     if method == "off":
         return set()
     places = {f"stability.{item.name}" for item in fields(STABILITY_METHODS[method].thing)}
+    places |= {place for setting in SETTINGS.values() if (place := setting.place).startswith("stiffness.")}
     return {name for name, setting in SETTINGS.items() if setting.place in places}
 
 
@@ -400,6 +469,7 @@ def _run_settings(
     own |= {name: value for name, value in _fields("run", given).items() if name not in _MODEL_SETTINGS}
     own["motion"] = with_changes(setup.motion if setup else None, changes)
     own["stability"] = _stability(given)
+    own["emg"] = EmgSettings(**_fields("emg", given))
     return RunSettings(
         **own,
         muscle_model=_muscle_model(given, setup),
@@ -442,10 +512,14 @@ def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
     used = _with_effect(method)
     values = _fields("stability", {name: value for name, value in given.items() if name in used})
     law = values.pop("stiffness", "proportional")
+    of_law = _fields("stiffness", given)
+    if law != "proportional" and "q" in values:
+        of_law["q"] = values.pop("q")
+    idle = sorted(of_law.keys() - {item.name for item in fields(STIFFNESS_LAWS[law].thing)})
+    if idle:
+        raise ProblemError(f"{', '.join(idle)} has no effect on {law} stiffness, expected {_laws_with(idle)}")
     if law != "proportional":
-        if "q" in given:
-            raise ProblemError(f"q has no effect on {law} stiffness, expected 'proportional'")
-        values["stiffness"] = STIFFNESS_LAWS[law].make()
+        values["stiffness"] = STIFFNESS_LAWS[law].make(**of_law)
     passive = values.get("passive_stiffness")
     if isinstance(passive, Path) and passive.suffix.lower() == ".csv":
         del values["passive_stiffness"]
@@ -454,6 +528,12 @@ def _stability(given: Mapping[str, Any]) -> StabilityConstraint | None:
         values["passive_stiffness"] = _passive_table(passive)
     constraint: StabilityConstraint = STABILITY_METHODS[method].make(**values)
     return constraint
+
+
+def _laws_with(names: Iterable[str]) -> str:
+    """Name the stiffness laws that have these fields."""
+    known = {law: {item.name for item in fields(named.thing)} for law, named in STIFFNESS_LAWS.items()}
+    return " or ".join(repr(law) for law, own in known.items() if own.issuperset(names)) or "one of them"
 
 
 def _passive_table(path: Path) -> dict[str, float]:

@@ -49,6 +49,7 @@ LAYERS = (
     "trajectory",
     "muscles",
     "motion",
+    "activity",
     "stability",
     "frame",
     "muscle_models",
@@ -389,8 +390,11 @@ def test_a_term_that_forgets_its_mathematics_cannot_be_made(base):
         type("Forgetful", (base,), {})()
 
 
+_ACTIVITY = scso.MuscleActivity(groups=("a",), muscles=(("m*",),), time=[-1.0, 99.0], values=[[0.2], [0.4]])
 #: How to make terms that need arguments.
 EXAMPLES = {
+    "EmgTracking": {"activity": _ACTIVITY},
+    "EmgBounds": {"activity": _ACTIVITY},
     "FunctionObjective": {"function": lambda frame: ca.sumsqr(frame.activation)},
     "JointReactionLimit": {"largest": 2000.0},
 }

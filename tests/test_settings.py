@@ -35,7 +35,7 @@ from scso_nlp.files import hashes
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.run import describe
-from scso_nlp.settings import OutputSettings, RunSettings, read_settings, record
+from scso_nlp.settings import EmgSettings, OutputSettings, RunSettings, read_settings, record
 from scso_nlp.solver import SolverOptions
 
 SPINE = example_folder("spine-load-height")
@@ -107,8 +107,17 @@ ARRIVES = {
     "moving_paths": ("frozen", '"frozen"', "frozen"),
     "stability_coordinates": ("a", '"a"', ("a",)),
     "stiffness": ("short-range", '"short-range"', "short-range"),
+    "half_force": (".3", "0.3", 0.3),
+    "tendon_compliance": ("4", "4", 4.0),
     "passive": ("a=5", '{ "a" = 5 }', {"a": 5.0}),
+    "passive_factor": (".25", "0.25", 0.25),
     "soft": (".5", "0.5", 0.5),
+    "emg": ("other.csv", '"other.csv"', Path("other.csv")),
+    "emg_map": ("other.toml", '"other.toml"', Path("other.toml")),
+    "raw_emg": (True, "true", True),
+    "emg_offset": ("-.5", "-0.5", -0.5),
+    "emg_tracking": ("3", "3", 3.0),
+    "emg_bounds": (".1", "0.1", 0.1),
     "solver": ("framewise", '"framewise"', "framewise"),
     "tolerance": ("1e-6", "1e-6", 1e-6),
     "max_iterations": ("50", "50", 50),
@@ -125,9 +134,25 @@ ARRIVES = {
 
 def method_for(name):
     """Give a stability method that has a field for the setting."""
-    if not SETTINGS[name].place.startswith("stability."):
+    if not SETTINGS[name].place.startswith(("stability.", "stiffness.")):
         return "off"
     return "potvin-brown" if name in ("joints", "axes", "moving_paths") else "full"
+
+
+def beside(name, folder):
+    """Write what a setting does not go without, and give the lines that name it."""
+    lines = {"setup": f"'{SPINE / 'setup.xml'}'", "stability": f"'{method_for(name)}'"}
+    laws = {"half_force": "falling", "tendon_compliance": "short-range"}
+    if name in laws:
+        lines["stiffness"] = f'"{laws[name]}"'
+    if not SETTINGS[name].place.startswith("emg."):
+        return lines
+    rows = "".join(f"{k / 1000},{k % 7 / 7}\n" for k in range(1000))
+    for file in ("emg.csv", "other.csv"):
+        (folder / file).write_text("time,c\n" + rows)
+    for file in ("map.toml", "other.toml"):
+        (folder / file).write_text('format = 1\n[groups.a]\nchannels = ["c"]\nmuscles = ["RA_R"]\n')
+    return lines | {"emg": '"emg.csv"', "emg_map": '"map.toml"', "emg_tracking": "1"}
 
 
 RUN = get_command(app).commands["run"]
@@ -155,7 +180,7 @@ def test_every_setting_arrives_from_a_file_and_from_the_command_line(name, tmp_p
     """And what arrives is what ``report.json`` says."""
     monkeypatch.chdir(tmp_path)
     words, text, value = ARRIVES[name]
-    lines = {"setup": f"'{SPINE / 'setup.xml'}'", "stability": f"'{method_for(name)}'"}
+    lines = beside(name, tmp_path)
     plain = read_settings(toml_file(tmp_path, lines))
     by_option = read_settings(toml_file(tmp_path, lines), {name: words})
     by_file = read_settings(toml_file(tmp_path, lines | {name: text}))
@@ -224,6 +249,7 @@ def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in
         "motion": MotionInput,
         "options": SolverOptions,
         "output": OutputSettings,
+        "emg": EmgSettings,
         "stability": HessianStability,
     }
     missing = {
@@ -233,7 +259,7 @@ def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in
         if f"{part}.{item.name}" not in places
     }
     assert missing <= {
-        *("run.motion", "run.options", "run.analysis_name", "run.sources", "run.notes"),
+        *("run.motion", "run.options", "run.emg", "run.analysis_name", "run.sources", "run.notes"),
         *("motion.stability_axes", "motion.curvature_coordinates", "motion.muscle_paths"),
         *("stability.passive_matrix", "stability.model_passive", "stability.label"),
         "options.ipopt",

@@ -94,24 +94,18 @@ def read_comparison(
     The results go through `prepare` before.
     """
     from scso_nlp.emg import compare as compare_results
-    from scso_nlp.emg import envelope, normalize_to_peak, read_emg, read_emg_map, read_results
+    from scso_nlp.emg import read_emg_map, read_envelope, read_results
 
-    groups = None if emg_map is None else read_emg_map(emg_map)
-    measured = None if emg is None else read_emg(emg)
-    if measured is None and (raw_emg or peak_emg or emg_offset):
+    if emg is None and (raw_emg or peak_emg or emg_offset):
         raise DataError(
             "--raw-emg, --peak-emg and --emg-offset say something about EMG, but there is no --emg"
         )
-    if measured is not None and groups is not None and (raw_emg or peak_emg):
-        # other channels, e.g. a silent reference, cannot be normalized
-        used = [channel for group in groups.groups for channel in group.channels]
-        measured = measured.select(used)
-        measured = envelope(measured) if raw_emg else measured
-        if peak_emg and groups.mvc:
-            raise DataError(
-                f"{emg_map} has references in [mvc], so --peak-emg would divide twice; choose one"
-            )
-        measured = normalize_to_peak(measured) if peak_emg else measured
+    if emg is not None and emg_map is None:
+        raise DataError("EMG needs a map file that says which channels belong to which muscles: --emg-map")
+    groups = None if emg_map is None else read_emg_map(emg_map)
+    measured = None
+    if emg is not None and groups is not None:
+        measured = read_envelope(emg, groups, is_raw=raw_emg, by_peak=peak_emg)
     names = [name.strip() for name in labels.split(",")] if labels else []
     return compare_results(
         prepare(read_results(results, names)), emg=measured, emg_map=groups, start_offset=emg_offset

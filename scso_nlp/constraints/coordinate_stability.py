@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.motion import Motion
 from scso_nlp.needs import MotionNeeds
-from scso_nlp.stability.hessian import chosen_coordinates, curvature_notes, hessian_terms
+from scso_nlp.stability.hessian import HessianTerms, chosen_coordinates, curvature_notes, hessian_terms
 from scso_nlp.stability.rows import StabilityRows
-from scso_nlp.validation import chosen_names
+from scso_nlp.validation import FloatArray, chosen_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +64,19 @@ class CoordinateStability(StabilityConstraint):
     def stability_rows(self, motion: Motion) -> StabilityRows:
         """Curvature, moment arms and loads of the rows."""
         names = self.row_names(motion)
-        terms = hessian_terms(motion.trajectory, names, model_passive=self.model_passive)
-        return terms.rows_of_coordinates(motion.trajectory.muscles)
+        return self._terms(motion, names).rows_of_coordinates(motion.trajectory.muscles)
+
+    def _terms(self, motion: Motion, names: tuple[str, ...]) -> HessianTerms:
+        factor = self.passive_factor * self.model_passive
+        return hessian_terms(motion.trajectory, names, model_passive=factor)
+
+    def passive_and_taken(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Give passive stiffness and what loads take away, each coordinate alone."""
+        names = self.row_names(motion)
+        terms = self._terms(motion, names)
+        alone = np.eye(len(names))
+        passive = terms.constant - terms.loads + np.diag(self.passive_by_row(names))
+        return alone * passive, -alone * terms.loads
 
     def notes(self, motion: Motion) -> tuple[str, ...]:
         """Say which coordinates are looked at, and where the curvature of paths is uncertain."""

@@ -69,15 +69,19 @@ class HessianStability(StabilityConstraint):
     def terms(self, motion: Motion) -> HessianTerms:
         """Collect what the Hessian is made of."""
         names = self.row_names(motion)
-        passive = np.diag(self.by_row(self.passive_stiffness, names))
+        passive = np.diag(self.passive_by_row(names))
         if self.passive_matrix is not None:
             shape = (len(names), len(names))
-            passive = passive + read_only(
+            passive = passive + self.passive_factor * read_only(
                 "passive_matrix", self.passive_matrix, shape, "n_coordinates, n_coordinates"
             )
-        return hessian_terms(
-            motion.trajectory, names, model_passive=self.model_passive, passive_stiffness=passive
-        )
+        factor = self.passive_factor * self.model_passive
+        return hessian_terms(motion.trajectory, names, model_passive=factor, passive_stiffness=passive)
+
+    def passive_and_taken(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Give passive stiffness and what loads take away."""
+        terms = self.terms(motion)
+        return terms.constant - terms.loads, -terms.loads
 
     def stability_rows(self, motion: Motion) -> StabilityRows:
         """Each coordinate alone: the diagonal of the Hessian."""

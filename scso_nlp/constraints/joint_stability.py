@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
@@ -72,6 +74,13 @@ class JointStability(StabilityConstraint):
         return potvin_brown(
             motion.trajectory, joints=self.joints, axes=self.axes, moving_paths=self.moving_paths
         )
+
+    def passive_and_taken(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Give passive stiffness and what loads take away, each axis alone."""
+        rows = self.stability_rows(motion)
+        alone = np.eye(len(rows.rows))
+        passive = np.broadcast_to(alone * self.passive_by_row(rows.rows), (motion.n_frames, *alone.shape))
+        return passive, alone * rows.external_work[:, None]
 
     def row_names(self, motion: Motion) -> tuple[str, ...]:
         """Names ``"<joint>_<axis>"``, one per row."""

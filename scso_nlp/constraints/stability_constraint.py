@@ -19,6 +19,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, MatrixRows, Rows
 from scso_nlp.motion import Motion
 from scso_nlp.muscle_models.stiffness_law import ProportionalStiffness, StiffnessLaw
+from scso_nlp.stability.buckling import buckling_factor
 from scso_nlp.stability.rows import StabilityRows
 from scso_nlp.validation import FloatArray, by_name
 
@@ -45,6 +46,9 @@ class StabilityConstraint(FrameConstraint):
         Least stability, the same for all rows or by row name or pattern (rows not named get 0).
     passive_stiffness : mapping of str to float, or None [N·m/rad]
         Stiffness that tissue without activation adds to rows, by name or pattern.
+    passive_factor : float [-]
+        All passive stiffness, also the model's own, counts so much: published numbers are of other people's
+        tissue, and 1/2 and 1/4 of them say how far an answer rests on them.
     soft : float or None [objective per N·m/rad]
         If given, a row may miss its level at this price; the amounts are in
         ``solution.variables["<name>.missed"]``.
@@ -64,6 +68,7 @@ class StabilityConstraint(FrameConstraint):
     stiffness: StiffnessLaw | None = None
     level: float | Mapping[str, float] = 0.0
     passive_stiffness: Mapping[str, float] | None = None
+    passive_factor: float = 1.0
     soft: float | None = None
     label: str = ""
 
@@ -80,6 +85,8 @@ class StabilityConstraint(FrameConstraint):
         for name, value in (self.passive_stiffness or {}).items():
             if not (math.isfinite(value) and value >= 0):
                 raise ProblemError(f"passive_stiffness of {name!r} is {value:g}, expected at least 0 N·m/rad")
+        if not (math.isfinite(self.passive_factor) and self.passive_factor >= 0):
+            raise ProblemError(f"passive_factor is {self.passive_factor:g}, expected a number of at least 0")
         if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
             raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or no price")
 
@@ -104,13 +111,35 @@ class StabilityConstraint(FrameConstraint):
             return np.full(len(names), float(values or 0.0))
         return by_name("stability row", values, names, default=0.0)
 
+    def passive_by_row(self, names: Sequence[str]) -> FloatArray:
+        """Passive stiffness given for rows, times its factor; shape (n_rows,) [N·m/rad]."""
+        return self.passive_factor * self.by_row(self.passive_stiffness, names)
+
+    @abc.abstractmethod
+    def passive_and_taken(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Give passive stiffness, and what loads take away; shape (n_frames, n_rows, n_rows) [N·m/rad]."""
+
+    def passive_buckling(self, motion: Motion) -> FloatArray:
+        """Factor of the loads at which passive tissue alone buckles, without any muscle.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray, shape (n_frames,) [-]
+            Below 1, muscles are needed; see :func:`scso_nlp.stability.buckling_factor`.
+        """
+        return buckling_factor(*self.passive_and_taken(motion))
+
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give curvature and squared moment arms by row and muscle, and loads by row."""
         rows = self.stability_rows(motion)
         return {
             "curvature": rows.curvature,
             "squared_moment_arms": rows.moment_arms**2,
-            "load": rows.external_work - self.by_row(self.passive_stiffness, rows.rows),
+            "load": rows.external_work - self.passive_by_row(rows.rows),
             **self.stiffness_law.data(motion),
         }
 

@@ -1,5 +1,8 @@
 """Electromyography beside results: envelopes, groups of muscles, measures of agreement, and their table."""
 
+from scso_nlp.emg.activity import activity_of as activity_of
+from scso_nlp.emg.activity import read_activity as read_activity
+from scso_nlp.emg.activity import read_envelope as read_envelope
 from scso_nlp.emg.comparison import Comparison as Comparison
 from scso_nlp.emg.comparison import ComparisonRow as ComparisonRow
 from scso_nlp.emg.comparison import compare as compare
@@ -17,8 +20,10 @@ from scso_nlp.emg.motion_result import read_results as read_results
 from scso_nlp.emg.motion_result import result_of as result_of
 from scso_nlp.emg.signal import Emg as Emg
 from scso_nlp.emg.signal import EnvelopeFilter as EnvelopeFilter
+from scso_nlp.emg.signal import delayed as delayed
 from scso_nlp.emg.signal import envelope as envelope
 from scso_nlp.emg.signal import normalize_to_mvc as normalize_to_mvc
 from scso_nlp.emg.signal import normalize_to_peak as normalize_to_peak
 from scso_nlp.emg.signal import read_emg as read_emg
 from scso_nlp.emg.signal import resample as resample
+from scso_nlp.emg.signal import scaled as scaled

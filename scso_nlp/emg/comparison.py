@@ -18,10 +18,11 @@ import numpy as np
 
 from scso_nlp.arguments import checked
 from scso_nlp.emg import metrics
+from scso_nlp.emg.activity import as_activity, group_means, refuse_large
 from scso_nlp.emg.bootstrap import bootstrap_interval
 from scso_nlp.emg.map import EmgMap, MuscleGroup
 from scso_nlp.emg.motion_result import MotionResult
-from scso_nlp.emg.signal import Emg, normalize_to_mvc, resample, warn_outside_unit_range
+from scso_nlp.emg.signal import Emg, resample
 from scso_nlp.exceptions import DataError
 from scso_nlp.files import write_whole
 from scso_nlp.trajectory import require_same_motion
@@ -40,8 +41,6 @@ EMG_LABEL = "EMG"
 ALL_GROUPS = "all groups"
 #: Activations may be this much below zero by the solver's tolerance; such values count as zero [-].
 NEGATIVE_ACTIVATION = 1e-4
-#: Activity beyond this is none, not even of signals in microvolts without a reference [-].
-LARGEST_ACTIVITY = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,36 +322,16 @@ def _group_activity(result: MotionResult, groups: Sequence[MuscleGroup]) -> Floa
     low = float(np.nanmin(solved, initial=0.0))
     if low < -NEGATIVE_ACTIVATION:
         raise DataError(f"{result.label!r} has an activation of {low:g}, expected 0 or more")
-    _refuse_large(f"the activation of {result.label!r}", solved)
+    refuse_large(f"the activation of {result.label!r}", solved)
     solved = np.maximum(solved, 0.0)
     means = [solved[:, positions("muscle", group.muscles, result.muscles)].mean(axis=1) for group in groups]
     return np.array(means).reshape(len(groups), len(solved)).T
 
 
-def _refuse_large(what: str, values: FloatArray) -> None:
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    if largest > LARGEST_ACTIVITY:
-        raise DataError(f"{what} is up to {largest:g}, expected a fraction of the maximum")
-
-
 def _group_emg(emg: Emg, emg_map: EmgMap, time: FloatArray, start_offset: float) -> FloatArray:
-    used = [channel for group in emg_map.groups for channel in group.channels]
-    if not used:
-        raise DataError(f"{emg_map.source} names no EMG channel, expected at least one group with channels")
-    emg = emg.select(used)
-    if emg_map.mvc:
-        emg = normalize_to_mvc(emg, emg_map.mvc)
-    else:
-        warn_outside_unit_range(emg)
-    _refuse_large(f"{emg.source}: the EMG over its references of {emg_map.source}", emg.values)
-    emg = resample(emg, time, start_offset=start_offset)
-    columns = [
-        emg.values[:, positions("EMG channel", group.channels, emg.channels)].mean(axis=1)
-        if group.channels
-        else np.full(len(time), np.nan)
-        for group in emg_map.groups
-    ]
-    return np.column_stack(columns)
+    """Mean of the channels of each group at the frames, NaN for groups without channels."""
+    emg = resample(as_activity(emg, emg_map), time, start_offset=start_offset)
+    return group_means(emg, emg_map)
 
 
 def _level_rows(label: str, groups: Sequence[MuscleGroup], series: FloatArray) -> list[ComparisonRow]:

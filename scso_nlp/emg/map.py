@@ -11,6 +11,12 @@ The map file, in TOML, says which channels and which muscles of the model form a
     [mvc]                               # only for data that are not normalised: reference value per channel
     rectabd_r = 0.41
 
+    [scale]                             # what a channel is multiplied by to stand for activation; 1 if not
+    rectabd_r = 0.8
+
+    [delay]                             # by how many seconds activation follows the channel; 0 if not
+    rectabd_r = 0.04
+
     [pairs."abdomen over back"]         # for ratios and co-contraction
     numerator = ["rectus abdominis, right"]
     denominator = ["erector spinae, right"]
@@ -19,6 +25,7 @@ The map file, in TOML, says which channels and which muscles of the model form a
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import sys
@@ -36,6 +43,12 @@ from scso_nlp.validation import matches, nearest, positions, unique_names
 
 #: The version of the map file that this module reads.
 MAP_FORMAT = 1
+#: Tables of numbers by channel: what each is above, and what a message expects.
+_BY_CHANNEL = {
+    "mvc": (0.0, "a number above 0"),
+    "scale": (0.0, "a number above 0"),
+    "delay": (-math.inf, "a finite number of seconds"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +98,10 @@ class EmgMap:
     pairs : tuple of GroupPair
     mvc : mapping of str to float [unit of the channel]
         Reference value per channel.
+    scale : mapping of str to float [-]
+        What the channel, over its reference, is multiplied by; 1 where not named.
+    delay : mapping of str to float [s]
+        By how much activation follows the channel; 0 where not named.
     source : str
         The file, for messages.
     """
@@ -92,10 +109,13 @@ class EmgMap:
     groups: tuple[MuscleGroup, ...]
     pairs: tuple[GroupPair, ...] = ()
     mvc: Mapping[str, float] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    delay: Mapping[str, float] = field(default_factory=dict)
     source: str = "EMG map"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mvc", MappingProxyType(dict(self.mvc)))
+        for table in _BY_CHANNEL:
+            object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
         if not self.groups:
             raise DataError(f"{self.source} has no group, expected at least one")
         names = unique_names("group", (group.name for group in self.groups))
@@ -114,8 +134,13 @@ class EmgMap:
             both = sorted(set(pair.numerator) & set(pair.denominator))
             if both:
                 raise DataError(f"{self.source}: pair {pair.name!r} has {both[0]!r} on both sides")
-        if self.mvc:
-            positions(f"channel of [mvc] in {self.source}", self.mvc, tuple(owner))
+        for table, (least, expected) in _BY_CHANNEL.items():
+            values = getattr(self, table)
+            if values:
+                positions(f"channel of [{table}] in {self.source}", values, tuple(owner))
+            for channel, value in values.items():
+                if not least < value < math.inf:
+                    raise DataError(f"{self.source}: {table}.{channel} is {value:g}, expected {expected}")
 
     def resolve(self, muscles: Sequence[str], channels: Sequence[str] | None = None) -> EmgMap:
         """Replace patterns by the muscles of a model and check every name.
@@ -173,7 +198,7 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
     """
     path = Path(path)
     content = read_toml(path)
-    _check_keys(path, "", content, ("format", "groups", "mvc", "pairs"))
+    _check_keys(path, "", content, ("format", "groups", "pairs", *_BY_CHANNEL))
     found = content.get("format", "missing")
     if found is True or found != MAP_FORMAT:
         raise FileFormatError(
@@ -181,18 +206,11 @@ def read_emg_map(path: str | os.PathLike[str]) -> EmgMap:
         )
     groups = _entries(path, "groups", content, ("channels", "muscles"))
     pairs = _entries(path, "pairs", content, ("numerator", "denominator"))
-    mvc = _table(path, "mvc", content.get("mvc", {}))
-    for channel, reference in mvc.items():
-        if (
-            isinstance(reference, bool)
-            or not isinstance(reference, int | float)
-            or not 0 < reference <= sys.float_info.max
-        ):
-            raise FileFormatError(f"{path}: mvc.{channel} is {shown(reference)}, expected a number above 0")
+    by_channel = {table: _numbers(path, table, content.get(table, {})) for table in _BY_CHANNEL}
     return EmgMap(
         groups=tuple(MuscleGroup(name=name, **lists) for name, lists in groups.items()),
         pairs=tuple(GroupPair(name=name, **lists) for name, lists in pairs.items()),
-        mvc={channel: float(reference) for channel, reference in mvc.items()},
+        **by_channel,
         source=str(path),
     )
 
@@ -271,6 +289,16 @@ def _entries(
         _check_keys(path, where, table, lists)
         entries[name] = {item: _names(path, f"{where}.{item}", table.get(item, [])) for item in lists}
     return entries
+
+
+def _numbers(path: Path, table: str, value: object) -> dict[str, float]:
+    """Read a table of numbers by channel, as large as they must be."""
+    least, expected = _BY_CHANNEL[table]
+    for channel, number in _table(path, table, value).items():
+        is_number = isinstance(number, int | float) and not isinstance(number, bool)
+        if not (is_number and least < number <= sys.float_info.max):
+            raise FileFormatError(f"{path}: {table}.{channel} is {shown(number)}, expected {expected}")
+    return {channel: float(number) for channel, number in _table(path, table, value).items()}
 
 
 def _table(path: Path, where: str, value: Any) -> dict[str, Any]:

@@ -278,6 +278,70 @@ def normalize_to_mvc(emg: Emg, mvc: Mapping[str, float]) -> Emg:
     return normalized
 
 
+@checked
+def scaled(emg: Emg, factors: Mapping[str, float]) -> Emg:
+    """Multiply channels by numbers; those that are not named stay as they are.
+
+    Parameters
+    ----------
+    emg : Emg
+    factors : mapping of str to float [-]
+
+    Returns
+    -------
+    Emg
+
+    Raises
+    ------
+    NameMismatchError
+        A channel that is not there.
+    """
+    values = emg.values.copy()
+    for channel, factor in factors.items():
+        values[:, positions("EMG channel", (channel,), emg.channels)] *= factor
+    return replace(emg, values=values)
+
+
+@checked
+def delayed(emg: Emg, seconds: Mapping[str, float]) -> Emg:
+    """Move channels to later times; those that are not named stay where they are.
+
+    Parameters
+    ----------
+    emg : Emg
+        Envelope.
+    seconds : mapping of str to float [s]
+        By channel, negative for earlier.
+
+    Returns
+    -------
+    Emg
+        At times that all its channels cover. Channels that move by the same amount keep their samples,
+        others are interpolated linearly.
+
+    Raises
+    ------
+    NameMismatchError
+        A channel that is not there.
+    DataError
+        Channels that have no time in common then.
+    """
+    late = np.zeros(len(emg.channels))
+    for channel, amount in seconds.items():
+        late[positions("EMG channel", (channel,), emg.channels)] = amount
+    if not late.any():
+        return emg
+    time, further = emg.time + late[0], late - late[0]
+    common = (time >= time[0] + further.max()) & (time <= time[-1] + further.min())
+    if not common.any():
+        raise DataError(f"{emg.source}: channels delayed by {shown(dict(seconds))} have no time in common")
+    values = [
+        column[common] if shift == 0 else np.interp(time[common] - shift, time, column)
+        for column, shift in zip(emg.values.T, further, strict=True)
+    ]
+    return replace(emg, time=time[common], values=np.column_stack(values))
+
+
 def warn_outside_unit_range(emg: Emg) -> None:
     """Log a warning for every channel with values above 1 or below 0.
 

@@ -93,6 +93,7 @@ def short_range_stiffness(
     fiber_length: Expression,
     cos_pennation_angle: Expression,
     gamma: Expression = SHORT_RANGE_CONSTANT,
+    tendon_compliance: Expression = 1.0,
 ) -> Expression:
     r"""Short-range stiffness, that of the cross-bridges that are attached, of fiber and tendon in series.
 
@@ -111,6 +112,8 @@ def short_range_stiffness(
         Cosine of the pennation angle, not zero.
     gamma : float or DM or SX or MX, same shape [-]
         Dimensionless fiber stiffness, 23.4.
+    tendon_compliance : float or DM or SX or MX, same shape [-]
+        The tendon's stiffness is divided by it; 0 for a rigid tendon.
 
     Returns
     -------
@@ -122,6 +125,7 @@ def short_range_stiffness(
     ----------
     Cui, Perreault, Maas and Sandercock (2008), J Biomech 41:1945-1952.
     """
+    # k k_T / (c k + k_T) is k in series with k_T / c
     fiber_force = tendon_force / cos_pennation_angle
     fiber = stiffness_along_tendon(
         gamma * fiber_force / muscle.optimal_fiber_length, fiber_force, fiber_length, cos_pennation_angle
@@ -129,7 +133,7 @@ def short_range_stiffness(
     if not muscle.curves.HAS_ELASTIC_TENDON:
         return fiber
     tendon = tendon_stiffness_at_force(muscle, tendon_force)
-    return fiber * tendon / (fiber + tendon)
+    return fiber * tendon / (tendon_compliance * fiber + tendon)
 
 
 def fiber_stiffness(

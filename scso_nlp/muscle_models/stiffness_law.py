@@ -110,6 +110,61 @@ class ProportionalStiffness(StiffnessLaw):
 
 @dataclass(frozen=True, kw_only=True)
 @checked
+class FallingStiffness(StiffnessLaw):
+    r"""Stiffness whose gain falls as the muscle pulls, :math:`k = q(F)\, F / L`.
+
+    .. math:: q(F) = \frac{q}{1 + F/F_h}, \quad F_h = \text{half\_force} \cdot F_0
+
+    so that the gain is q in a muscle that hardly pulls and half of it at :math:`F_h`. :math:`q(F)\, F` is
+    concave for tension, so rows are concave in the forces and the points that keep them are a convex set.
+
+    Attributes
+    ----------
+    q : float, sequence of float or mapping of str to float [-]
+        Gain without force, as for :class:`ProportionalStiffness`.
+    half_force : float [maximum isometric forces]
+        Force at which half the gain is left.
+
+    Raises
+    ------
+    ProblemError
+        q negative or not finite, a force that is not positive.
+    NameMismatchError
+        A name that fits no muscle, or a muscle without a gain.
+
+    Notes
+    -----
+    That q falls with activation is measured; the hyperbola is the simplest curve that does, and is ours.
+
+    References
+    ----------
+    Brown and McGill (2010), Comput Methods Biomech Biomed Engin 13:829-835: quick releases of the trunk.
+
+    Examples
+    --------
+    >>> law = scso.FallingStiffness(q=10.0, half_force=0.25)
+    >>> seen = scso.observe(solution, scso.CoordinateStability(stiffness=law))
+    >>> bool((scso.equivalent_q(seen, "CoordinateStability") < 10.0).all())
+    True
+    """
+
+    q: float | Sequence[float] | Mapping[str, float] = 5.0
+    half_force: float = 0.5
+
+    def __post_init__(self) -> None:
+        ProportionalStiffness(q=self.q)
+        if not (math.isfinite(self.half_force) and self.half_force > 0):
+            raise ProblemError(f"half_force is {self.half_force:g}, expected a positive number")
+
+    def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
+        """Stiffness of every muscle, concave in force [N/m]."""
+        force = frame.muscle.tendon_force
+        share = force / ca.DM(self.half_force * motion.muscles.max_isometric_force)
+        return ProportionalStiffness(q=self.q).stiffness(frame, motion) / (1.0 + share)
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
 class ShortRangeStiffness(StiffnessLaw):
     r"""Short-range stiffness of the fibers, in series with the tendon.
 
@@ -123,11 +178,13 @@ class ShortRangeStiffness(StiffnessLaw):
     ----------
     constant : float [-]
         :math:`\gamma`.
+    tendon_compliance : float [-]
+        How many times as compliant tendons are as the model has them; 0 for rigid ones.
 
     Raises
     ------
     ProblemError
-        A constant that is not a positive number.
+        A constant that is not a positive number, a compliance that is negative.
     DataError
         A muscle class without curves.
 
@@ -150,10 +207,13 @@ class ShortRangeStiffness(StiffnessLaw):
     """
 
     constant: float = SHORT_RANGE_CONSTANT
+    tendon_compliance: float = 1.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.constant) and self.constant > 0):
             raise ProblemError(f"constant is {self.constant:g}, expected a positive number")
+        if not (math.isfinite(self.tendon_compliance) and self.tendon_compliance >= 0):
+            raise ProblemError(f"tendon_compliance is {self.tendon_compliance:g}, expected at least 0")
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give fiber length and pennation with a rigid tendon."""
@@ -172,6 +232,7 @@ class ShortRangeStiffness(StiffnessLaw):
                 fiber_length[where],
                 cosine[where],
                 self.constant,
+                self.tendon_compliance,
             )
         return stiffness
 

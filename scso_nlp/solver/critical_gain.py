@@ -61,7 +61,7 @@ def critical_q(problem: MuscleForceProblem, baseline: Solution | None = None) ->
             threshold = critical_gain(without, gained, baseline.is_solved)
         else:
             rows = term.stability_rows(problem.motion)
-            passive = term.by_row(term.passive_stiffness, rows.rows)
+            passive = term.passive_by_row(rows.rows)
             without = np.einsum("kim,km->ki", rows.curvature, force) + passive - rows.external_work
             missing = term.by_row(term.level, rows.rows) - without
             gained = np.einsum("kim,km->ki", rows.moment_arms**2, per_gain)

@@ -30,6 +30,8 @@ class HessianTerms:
     moment_arms : ndarray, shape (n_frames, n, n_muscles) [m]
     constant : ndarray, shape (n_frames, n, n) [N·m/rad]
         Loads, the model's own passive elements if asked for, and passive stiffness given.
+    loads : ndarray, shape (n_frames, n, n) [N·m/rad]
+        The loads' part of it, as it stands there: negative where they take away.
     path_length : ndarray, shape (n_frames, n_muscles) [m]
     """
 
@@ -37,6 +39,7 @@ class HessianTerms:
     curvature: FloatArray
     moment_arms: FloatArray
     constant: FloatArray
+    loads: FloatArray
     path_length: FloatArray
 
     def rows_of_coordinates(self, muscles: tuple[str, ...]) -> StabilityRows:
@@ -98,7 +101,7 @@ def hessian_terms(
     trajectory: MotionTrajectory,
     coordinates: tuple[str, ...] | None = None,
     *,
-    model_passive: bool = True,
+    model_passive: float = 1.0,
     passive_stiffness: FloatArray | None = None,
 ) -> HessianTerms:
     """Collect what the Hessian is made of.
@@ -109,8 +112,8 @@ def hessian_terms(
         With `curvature` extracted.
     coordinates : tuple of str or None
         None: all those of the extracted curvature.
-    model_passive : bool
-        Include the model's own springs, bushings, limit forces and ligaments.
+    model_passive : float [-]
+        How much of the model's own springs, bushings, limit forces and ligaments counts.
     passive_stiffness : ndarray, shape (n, n) or (n_frames, n, n), optional [N·m/rad]
         Further passive stiffness.
 
@@ -131,9 +134,9 @@ def hessian_terms(
     both: tuple[slice | IntArray, ...] = np.ix_(np.arange(trajectory.n_frames), chosen, chosen)
     if names == curvature.coordinates:
         both = (slice(None),)  # no copy
-    constant = curvature.load_stiffness[both]
+    constant = loads = curvature.load_stiffness[both]
     if model_passive:
-        constant = constant + curvature.passive_stiffness[both]
+        constant = constant + model_passive * curvature.passive_stiffness[both]
     if passive_stiffness is not None:
         constant = constant + passive_stiffness
     return HessianTerms(
@@ -141,6 +144,7 @@ def hessian_terms(
         curvature=curvature.path_curvature[both],
         moment_arms=trajectory.moment_arms[:, positions("coordinate", names, trajectory.coordinates)],
         constant=constant,
+        loads=loads,
         path_length=trajectory.muscle_tendon_length,
     )
 

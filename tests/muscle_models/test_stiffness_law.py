@@ -303,3 +303,98 @@ def test_a_path_shorter_than_its_tendon_still_has_a_finite_stiffness(rng):
     data = ShortRangeStiffness().data(dataclasses.replace(problem.motion, trajectory=short))
     assert (data["rigid_fiber_length"] >= 0.01 * problem.motion.muscles.optimal_fiber_length - 1e-15).all()
     assert (data["rigid_cos_pennation"] > 0.09).all()
+
+
+# Falling ------------------------------------------------------------------------------------------
+
+
+def test_falling_stiffness_has_half_its_gain_at_half_force():
+    problem = two_antagonists(20.0, strength=2000.0)
+    law = scso.FallingStiffness(q={"m1": 20.0, "m2": 10.0}, half_force=0.25)
+    rows = scso.JointStability(stiffness=law, joints=("elbow",), axes=("z",))
+    problem = dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
+    solution = scso.solve_trajectory(problem)
+    force = solution.tendon_force
+    found = solution.quantities["JointStability.muscle_stiffness"]
+    np.testing.assert_allclose(found, [20.0, 10.0] * force / 0.2 / (1 + force / 500.0), rtol=1e-9)
+    # where that is the force itself, k = (q / 2) F / L
+    at_half = dataclasses.replace(law, half_force=float(force[0, 0]) / 2000.0)
+    seen = scso.observe(solution, dataclasses.replace(rows, stiffness=at_half, label="half"))
+    assert seen.quantities["half.muscle_stiffness"][0, 0] == pytest.approx(10.0 * force[0, 0] / 0.2, rel=1e-9)
+
+
+@pytest.mark.parametrize("level", [0.0, 30.0, 60.0])
+def test_antagonists_with_falling_stiffness_are_those_of_a_root_finder(level):
+    """r = 0.05 m, and external work of 30 N·m/rad less the curvature of straight muscles."""
+    moment, q, half = 10.0, 20.0, 0.3
+    problem = two_antagonists(moment, strength=2000.0)
+    arguments = {"joints": ("elbow",), "axes": ("z",), "level": level}
+    proportional = scso.JointStability(q=q, **arguments)
+    falling = scso.JointStability(stiffness=scso.FallingStiffness(q=q, half_force=half), **arguments)
+    # stability is affine in forces but for stiffness: curvature c per newton from the rows themselves
+    data = proportional.stability_rows(problem.motion)
+    c, load = data.curvature[0, 0], data.external_work[0, 0]
+
+    def margin(antagonist):
+        forces = np.array([antagonist + moment / 0.05, antagonist])
+        stiffness = q * forces / 0.2 / (1 + forces / (half * 2000.0))
+        return c @ forces + 0.05**2 * stiffness.sum() - load - level
+
+    solution = scso.solve_trajectory(
+        dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), falling))
+    )
+    expected = 0.0 if margin(0.0) >= 0 else brentq(margin, 0.0, 1800.0)
+    assert (margin(0.0) < 0) == (level > 0)
+    np.testing.assert_allclose(solution.tendon_force[0, 1], expected, atol=1e-4)
+    assert solution.verdict.is_clean
+
+
+@pytest.mark.parametrize("model", [scso.NoPhysiology(), *MODELS[:2], scso.RigidTendon()])
+def test_rows_with_falling_stiffness_are_concave_so_that_the_problem_is_convex(rng, model):
+    """No direction in which a row curves upwards, at random points: the set that keeps all rows is convex."""
+    problem = with_flat_curvature(mixed_problem(rng, model))
+    rows = CoordinateStability(stiffness=scso.FallingStiffness(q=20.0, half_force=0.1))
+    problem = dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
+    program = describe(problem)
+    piece = next(b.piece for b in program.rows.blocks if b.term == "CoordinateStability")
+    (symbol,) = piece.unknowns
+    n = program.layout.size
+    for row in range(piece.expression.numel()):
+        second = piece.function(ca.vec(ca.densify(ca.hessian(piece.expression[row], symbol)[0])))
+        points = rng.uniform(0.01, 1.0, (len(problem.motion.trajectory.time), n))
+        curved = evaluate(piece, second, points, program.arrays)[0].reshape(-1, n, n)
+        largest = np.linalg.eigvalsh(curved)
+        assert largest.max() <= 1e-9 * -largest.min()
+        assert largest.min() < 0
+
+
+@pytest.mark.parametrize("half_force", [0.0, -1.0, math.nan, math.inf])
+def test_a_half_force_that_is_none_is_refused(half_force):
+    with pytest.raises(scso.ProblemError, match="half_force is"):
+        scso.FallingStiffness(half_force=half_force)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0, 4.0])
+def test_more_compliant_tendons_are_softer_springs_in_series(rng, factor):
+    problem = with_flat_curvature(mixed_problem(rng, scso.NoPhysiology()))
+    rows = CoordinateStability(stiffness=ShortRangeStiffness(tendon_compliance=factor), level=-1e4)
+    problem = dataclasses.replace(problem, constraints=(scso.MomentEquilibrium(), rows))
+    solution = scso.solve_trajectory(problem)
+    force, found = solution.tendon_force, solution.quantities["CoordinateStability.muscle_stiffness"]
+    asis = stiffness_by_hand(problem, ShortRangeStiffness(), solution.activation, force, {})
+    fiber, cosine = fibers(problem, {})
+    muscles = problem.motion.muscles
+    along = 23.4 * force / cosine / muscles.optimal_fiber_length * cosine**2 + force / cosine / fiber * (
+        1 - cosine**2
+    )
+    elastic = [curves_of(name).HAS_ELASTIC_TENDON for name in muscles.muscle_class]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tendon_gives = np.where(elastic, 1 / asis - 1 / along, 0.0)  # compliance of the tendon as it is
+        expected = 1 / (1 / along + factor * tendon_gives)
+    np.testing.assert_allclose(found[force > 0], expected[force > 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+def test_a_tendon_compliance_that_is_none_is_refused(value):
+    with pytest.raises(scso.ProblemError, match="tendon_compliance is"):
+        ShortRangeStiffness(tendon_compliance=value)

@@ -520,6 +520,8 @@ MAP: Data = {
         "back": {"muscles": ["back_0"], "channels": ["ch2", "ch3"]},
     },
     "mvc": {"ch1": 0.5},
+    "scale": {"ch1": 0.8},
+    "delay": {"ch1": 0.04},
     "pairs": {"front over back": {"numerator": ["front"], "denominator": ["back"]}},
 }
 
@@ -574,13 +576,13 @@ def map_rule(how: str, path: tuple[Any, ...], value: Any) -> tuple[str, Data | N
             REFUSE if path in (("format",), ("groups",)) or path[-1] in ("muscles", "numerator") else EITHER
         ), None
     if how in ("renamed", "new key"):
-        is_free = len(path) == 2 and path[0] in ("groups", "mvc", "pairs")
+        is_free = len(path) == 2 and path[0] in ("groups", "mvc", "scale", "delay", "pairs")
         return (EITHER if is_free and how == "renamed" else REFUSE), None
     if how == "entry twice":
         return REFUSE, None
     if path == ("format",):
         return (EITHER if value == 1 and not isinstance(value, bool) else REFUSE), None
-    if path[0] == "mvc" and len(path) == 2:
+    if path[0] in ("mvc", "scale", "delay") and len(path) == 2:
         is_good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1.8e308
         return (EITHER if is_good else REFUSE), None
     if len(path) == 4:
