@@ -93,10 +93,10 @@ def beside_opensim(rows: Sequence[Measurement]) -> list[list[str]]:
         if theirs is None:
             continue
         runs = {row["what"]: row for row in some if row["by"] == _RUN}
-        cells = [case, str(theirs["frames"]), f"{1e3 * _wall(theirs):.3g}"]
+        cells = [case, str(theirs["frames"]), f"{1e3 * _cpu(theirs):.3g}"]
         for kind in _KINDS:
             run = runs.get(f"whole run, {kind}")
-            cells.append("" if run is None else f"{_wall(theirs) / _wall(run):.3g}")
+            cells.append("" if run is None else f"{_cpu(theirs) / _wall(run):.3g}")
         start = runs.get("start-up, SO")
         found.append([*cells, "" if start is None else f"{start['seconds']:.2f}"])
     return found
@@ -188,11 +188,17 @@ def paragraph(result: dict[str, Any]) -> str:
         theirs = _static_optimization(rows)
         part = "" if theirs is None or theirs["frames"] >= frames else f" ({theirs['frames']:,} of them)"
         ours = [_seconds(runs.get(f"whole run, {kind}")) for kind in _KINDS]
-        motions.append((frames, f"{case}, {frames:,} frames: {', '.join([_seconds(theirs) + part, *ours])}"))
+        motions.append(
+            (
+                frames,
+                f"{case}, {frames:,} frames: {', '.join([_seconds(theirs, 'cpu_seconds') + part, *ours])}",
+            )
+        )
     longest = sorted(motions)[-_MOST_MOTIONS:]
     text = (
         f"Speed: seconds of whole runs, figures apart ({facts['cores']} cores, {result['date']}): OpenSim's "
-        "static optimization, ours, with stability of knees and ankles, with their whole Hessian. "
+        "static optimization (of the processor: it uses one core), ours, with stability of knees and ankles, "
+        "with their whole Hessian. "
         f"{'; '.join(words for _, words in longest)}. More: `docs/benchmarks.md`."
     )
     return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
@@ -212,8 +218,8 @@ def _cases(result: dict[str, Any]) -> list[list[str]]:
     return [[name, about[name], *(f"{v:.0f}" for v in both.values())] for name, both in spent.items()]
 
 
-def _seconds(row: Measurement | None) -> str:
-    return "–" if row is None else f"{row['seconds']:.1f}"
+def _seconds(row: Measurement | None, which: str = "seconds") -> str:
+    return "–" if row is None else f"{row[which]:.1f}"
 
 
 def _write(path: Path, text: str) -> None:
