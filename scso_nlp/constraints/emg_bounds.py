@@ -58,10 +58,10 @@ class EmgBounds(FrameConstraint):
     >>> activity = scso.MuscleActivity(
     ...     groups=("flexors",), muscles=(("biceps",),), time=[0.0, 10.0], values=[[0.2], [0.2]]
     ... )
-    >>> near = scso.EmgBounds(activity=activity, below=0.05, above=0.05)
+    >>> near = scso.EmgBounds(activity=activity, below=0.05, above=0.05, soft=10.0)
     >>> held = scso.solve_trajectory(replace(problem, constraints=(*problem.constraints, near)))
-    >>> bool((abs(held["biceps"].activation - 0.2) < 0.05 + 1e-8).all())
-    True
+    >>> held["biceps"].activation.round(2)
+    array([0.15, 0.15, 0.22, 0.25, 0.25, 0.25, 0.58])
     """
 
     activity: MuscleActivity

@@ -87,7 +87,7 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
         *fewer,
         *_more_stiffness(gain, len(failed), "with these axes, " if fewer else ""),
         *(_lower_level(only_hard, hard, laws) if np.isfinite(gain).any() else ()),
-        _price(),
+        *(() if len(beyond) == len(asked) else (_price(),)),
     )
 
 

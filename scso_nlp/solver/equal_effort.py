@@ -88,7 +88,7 @@ def at_effort(
     Examples
     --------
     >>> found = scso.at_effort(
-    ...     problem.without_stability(), 1.1 * solution.objective, lambda s: scso.ActivationFloor(floor=s)
+    ...     problem.without_stability(), 1.001 * solution.objective, lambda s: scso.ActivationFloor(floor=s)
     ... )
     >>> bool(found.solution.activation.min() > found.strength - 1e-6)
     True
