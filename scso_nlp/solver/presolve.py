@@ -43,7 +43,8 @@ _LEAST_SIZE = 1e-2
 #: Scale of frames whose unknowns vanish [-].
 _SMALLEST_SIZE = 1e-12
 
-#: A frame has arrived when a step promises less than this share of its objective [-].
+#: A frame has arrived when two steps promise less than this share of its objective [-]: where reserves cost
+#: far more than muscles, muscles are not there yet when the first does, and the second squares what is left.
 _LEAST_PROMISE = 1e-13
 
 #: Least curvature of an unknown over the largest of the frame, and where the method fails with it [-].
@@ -242,6 +243,7 @@ class Block:
         )
         self.unknowns, self.multipliers = start.copy(), np.zeros(self.used.shape)
         self.is_contradicted = np.zeros(frames.size, dtype=bool)
+        self.is_near = np.zeros(frames.size, dtype=bool)
         self.diagonal = np.zeros((start.shape[1], start.shape[1]))
         self._collect_sides()
         self.is_feasible = self._missed() <= _TOLERANCE
@@ -333,7 +335,9 @@ class Block:
                 break
             length[short] /= 2
         self.unknowns += length[:, None] * step
-        going &= ~self.is_feasible | (promise > _LEAST_PROMISE * np.abs(here))
+        is_near = self.is_feasible & (promise <= _LEAST_PROMISE * np.abs(here))
+        going &= ~(is_near & self.is_near)
+        self.is_near = is_near
         self.is_feasible |= length == 1
 
     def _target(self, k: int, gradient: FloatArray, hessian: FloatArray) -> tuple[FloatArray | None, bool]:

@@ -35,7 +35,7 @@ _CONFIRMED_UNKNOWNS = 2**12
 
 #: Share of the tolerance to which a curved objective of a size near one is solved: small activations, which
 #: hardly change it, move freely within the whole [-].
-_FLATNESS = 1e-3
+_FLATNESS = 1e-5
 
 #: A frame is solved again while that brings it this much nearer to its optimum [-].
 _NEARER = 0.5
