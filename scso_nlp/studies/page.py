@@ -21,6 +21,8 @@ from scso_nlp.emg.motion_result import read_results
 from scso_nlp.exceptions import ScsoError
 from scso_nlp.figures.saving import save_figure
 from scso_nlp.files import absolute
+from scso_nlp.messages import COUNTS
+from scso_nlp.progress import stages_shown
 from scso_nlp.report import story
 from scso_nlp.report.folder import FAILED, failed_run, read_report
 from scso_nlp.report.html import figure_address, render, write_page
@@ -88,14 +90,16 @@ def write_cohort(study: StudyTables, path: str | os.PathLike[str] | None = None)
         A page or figure cannot be written.
     """
     path = study.folder / PAGE if path is None else absolute(path)
-    pages = dict(_trial_pages(study))
+    with stages_shown():
+        pages = dict(_trial_pages(study))
+        figures = {}
+        for name, caption, figure in draw_bands(study):
+            COUNTS.info("drawing %s", name)
+            save_figure(figure, study.folder, name, formats=FORMATS)
+            figures[caption] = figure_address(figure)
     links = {
         trial: quote(os.path.relpath(page, path.parent).replace(os.sep, "/")) for trial, page in pages.items()
     }
-    figures = {}
-    for name, caption, figure in draw_bands(study):
-        save_figure(figure, study.folder, name, formats=FORMATS)
-        figures[caption] = figure_address(figure)
     write_page(path, render("cohort.html", **_contents(study, links), figures=figures))
     return path
 
@@ -116,6 +120,7 @@ def _trial_pages(study: StudyTables) -> Iterator[tuple[tuple[str, str], Path]]:
             if _is_newer(page, [folder / TRIAL for folder in folders]):
                 yield key, page
             elif done:
+                COUNTS.info("drawing the page of %s, %s", *key)
                 write_report(compare(read_results(list(done.values()), list(done))), page)
                 yield key, page
             elif failed and (report := _failure(next(iter(failed.values())))):
@@ -153,9 +158,7 @@ def _contents(study: StudyTables, links: dict[tuple[str, str], str]) -> dict[str
         "sections": list(_sections(study.differences, study.conditions[1:])),
         "about_intervals": _about_intervals(trials),
         "trials": _trials(study, links),
-        "troubles": trials.loc[
-            trials["state"].ne("done"), ["subject", "trial", "condition", "state", "sentence"]
-        ].to_dict("records"),
+        "troubles": _troubles(trials),
         "notes": [*_about_events(trials), *_about_durations(study.cycles)],
         "reserve_limit": f"{100 * RESERVE_LIMIT:g}",
     }
@@ -278,6 +281,13 @@ def _trials(study: StudyTables, links: dict[tuple[str, str], str]) -> list[dict[
         link = links.get((subject, trial), "")
         lines.append({"subject": subject, "trial": trial, "link": link, "states": shown})
     return lines
+
+
+def _troubles(trials: pd.DataFrame) -> list[dict[str, Any]]:
+    """Gather why trials are not done, conditions of a trial with the same sentence in one."""
+    told = trials[trials["state"].ne("done") & trials["sentence"].ne("")]
+    same = told.groupby(["subject", "trial", "state", "sentence"], sort=False)["condition"]
+    return same.agg(", ".join).reset_index().to_dict("records")
 
 
 def _about_events(trials: pd.DataFrame) -> list[str]:

@@ -15,6 +15,8 @@ from scso_nlp.arguments import checked
 from scso_nlp.display import card
 from scso_nlp.display import table as html_table
 from scso_nlp.files import absolute
+from scso_nlp.messages import COUNTS
+from scso_nlp.progress import stages_shown
 from scso_nlp.studies.cycles import POINTS, Curve
 from scso_nlp.studies.record import Study, StudyTrial, outcomes, read_study
 from scso_nlp.studies.solve import load_motions, read_solve
@@ -148,15 +150,17 @@ def read(folder: str | os.PathLike[str], *, reference: str | None = None) -> Stu
     numbers: list[tuple[Any, ...]] = []
     about: list[tuple[Any, ...]] = []
     values: list[FloatArray] = []
-    for _, group in itertools.groupby(outcomes(folder), lambda pair: (pair[0].subject, pair[0].trial)):
-        motions = functools.cache(load_motions)
-        for planned, outcome in group:
-            keys = (planned.subject, planned.trial, planned.condition)
-            solve = read_solve(folder, planned, outcome, motions)
-            trials.append(dict(zip(KEYS, keys, strict=True)) | _varied(plan, planned) | solve.row)
-            numbers += ((*keys, *number) for number in solve.numbers)
-            about += ((*keys, *curve[:-1]) for curve in solve.curves)
-            values += (curve.values for curve in solve.curves)
+    with stages_shown():
+        for _, group in itertools.groupby(outcomes(folder), lambda pair: (pair[0].subject, pair[0].trial)):
+            motions = functools.cache(load_motions)
+            for planned, outcome in group:
+                keys = (planned.subject, planned.trial, planned.condition)
+                solve = read_solve(folder, planned, outcome, motions)
+                trials.append(dict(zip(KEYS, keys, strict=True)) | _varied(plan, planned) | solve.row)
+                numbers += ((*keys, *number) for number in solve.numbers)
+                about += ((*keys, *curve[:-1]) for curve in solve.curves)
+                values += (curve.values for curve in solve.curves)
+                COUNTS.info("reading results, %d of %d", len(trials), len(plan.trials))
     curves = pd.DataFrame(about, columns=[*KEYS, *Curve._fields[:-1]])
     points = pd.DataFrame(np.array(values).reshape(-1, len(POINTS)), columns=list(POINTS))
     return StudyTables(
@@ -204,4 +208,5 @@ def write_tables(study: StudyTables) -> tuple[Path, ...]:
         "differences": study.differences,
         "bands": study.bands,
     }
-    return write_frames(tables, study.folder)
+    with stages_shown():
+        return write_frames(tables, study.folder)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scso_nlp.exceptions import ScsoError
 from scso_nlp.files import write_whole
+from scso_nlp.messages import COUNTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,6 +68,7 @@ def write_frames(tables: Mapping[str, pd.DataFrame], folder: Path) -> tuple[Path
             ("parquet", table.to_parquet),
         ):
             files.append(folder / f"{name}.{ending}")
+            COUNTS.info("writing %s", files[-1].name)
             with write_whole(files[-1]) as temporary:
                 write(temporary, index=False)
     return tuple(files)

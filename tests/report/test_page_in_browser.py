@@ -10,9 +10,11 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
+from studies.made_up import made_up
 
 from scso_nlp.emg import Emg, EmgMap, MotionResult, MuscleGroup, compare
 from scso_nlp.report.page import write_report
+from scso_nlp.studies import write_cohort
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium or Chrome; none is installed")
@@ -44,9 +46,8 @@ class Quiet(SimpleHTTPRequestHandler):
         pass
 
 
-@pytest.fixture
-def page(tmp_path):
-    """Address of a folder that holds a report of a long motion with EMG and an awkward group name."""
+def of_a_motion(folder):
+    """Write a report of a long motion with EMG and an awkward group name."""
     time = np.linspace(0.0, 2.0, 41)
     wave = 0.3 + 0.1 * np.sin(3 * time)
     results = [
@@ -62,7 +63,18 @@ def page(tmp_path):
         MuscleGroup(name="rectus abdominis", muscles=("rectus",)),
     )
     emg = Emg(channels=("es",), time=time, values=(wave + 0.05)[:, None])
-    write_report(compare(results, emg=emg, emg_map=EmgMap(groups=groups)), tmp_path / "report.html")
+    write_report(compare(results, emg=emg, emg_map=EmgMap(groups=groups)), folder / "report.html")
+
+
+def of_a_study(folder):
+    """Write the page of a study with long names."""
+    write_cohort(made_up(folder), folder / "report.html")
+
+
+@pytest.fixture(params=[of_a_motion, of_a_study], ids=lambda write: write.__name__)
+def page(request, tmp_path):
+    """Address of a folder that holds a page."""
+    request.param(tmp_path)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
     thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
     thread.start()

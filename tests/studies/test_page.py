@@ -104,3 +104,15 @@ def test_labels_have_no_place_in_a_study(folder):
     done = CliRunner().invoke(app, ["report", str(folder), "--labels", "a,b"], prog_name="scso")
     assert done.exit_code == 2
     assert "is a study, in which labels and EMG have no place" in done.output
+
+
+def test_one_condition_has_no_differences_and_nothing_done_has_a_page_too(tmp_path):
+    setup = example_folder("elbow") / "setup.xml"
+    make_study(tmp_path, {("A", "hold"): (setup, {})}, conditions={"off": {"stability": "off"}})
+    study = studies.read(tmp_path)
+    assert len(study.differences) == 0
+    assert "Differences" not in text_of(studies.write_cohort(study))
+    (tmp_path / "A" / "hold" / "off" / "trial.json").unlink()
+    empty = studies.read(tmp_path)
+    assert len(studies.write_tables(empty)) == 12
+    assert "1 trial of 1 person by 1 condition, 0 of 1 done." in text_of(studies.write_cohort(empty))
