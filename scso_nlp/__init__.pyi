@@ -33,6 +33,7 @@ from .figures import plot_joint_reactions as plot_joint_reactions
 from .figures import plot_moments as plot_moments
 from .figures import plot_stability as plot_stability
 from .figures import plot_tendon_forces as plot_tendon_forces
+from .figures import plot_uncertainty as plot_uncertainty
 from .figures import tendon_force_difference as tendon_force_difference
 from .frame import Frame as Frame
 from .frame import MatrixRows as MatrixRows
@@ -68,13 +69,16 @@ from .opensim.engine import load_motion as load_motion
 from .overview.info import ModelInfo as ModelInfo
 from .overview.info import info as info
 from .problem import MuscleForceProblem as MuscleForceProblem
+from .report.bands import write_bands as write_bands
 from .report.results import write_solution as write_solution
 from .run import solve as solve
+from .sensitivities import Bands as Bands
 from .sensitivities import Gradient as Gradient
 from .sensitivities import Parameter as Parameter
 from .sensitivities import Regularity as Regularity
 from .sensitivities import Sensitivity as Sensitivity
 from .sensitivities import adjoint_sensitivity as adjoint_sensitivity
+from .sensitivities import bands as bands
 from .sensitivities import sensitivity as sensitivity
 from .solution import InfeasibilityProof as InfeasibilityProof
 from .solution import MatrixResult as MatrixResult

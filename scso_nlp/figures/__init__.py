@@ -24,3 +24,4 @@ from scso_nlp.figures.solution import series_of as series_of
 from scso_nlp.figures.tendon_forces import TendonForceDifference as TendonForceDifference
 from scso_nlp.figures.tendon_forces import plot_tendon_forces as plot_tendon_forces
 from scso_nlp.figures.tendon_forces import tendon_force_difference as tendon_force_difference
+from scso_nlp.figures.uncertainty import plot_uncertainty as plot_uncertainty

@@ -61,6 +61,7 @@ def plot_bands(
     width: float = TWO_COLUMNS,
     heading: str = "",
     notes: Sequence[str] = (),
+    horizontal: HorizontalAxis | None = None,
 ) -> Figure:
     """Draw mean curves over a cycle with bands of one standard deviation, conditions overlaid.
 
@@ -78,6 +79,8 @@ def plot_bands(
     heading : str
     notes : sequence of str
         Sentences below the panels.
+    horizontal : HorizontalAxis, optional
+        In place of the cycle.
 
     Returns
     -------
@@ -102,12 +105,13 @@ def plot_bands(
     )
     tops = (np.fmax(band.mean.column(name), band.limits(name)[1]) for band in bands for name in shown)
     largest = max((float(np.nanmax(top, initial=0.1)) for top in tops), default=0.1)
+    axis = horizontal or HorizontalAxis(values=means[0].time, label="Cycle [%]")
     figure, panels = panel_grid(
         shown,
         heading=heading,
-        x_label="Cycle [%]",
+        x_label=axis.label,
         y_label=f"{what.word} [{', '.join(units)}]",
-        horizontal=HorizontalAxis(values=means[0].time, label="Cycle [%]"),
+        horizontal=axis,
         y_range=(-0.05 * largest, 1.05 * largest) if what.has_one_scale else None,
         width=width,
     )
@@ -116,9 +120,10 @@ def plot_bands(
             look = band.mean.look or series_style(i)
             low, high = band.limits(name)
             fill: dict[str, Any] = {"color": look.color, "alpha": _COVER, "linewidth": 0}
-            panel.fill_between(band.mean.time, low, high, **fill)
+            x = band.mean.time if horizontal is None else axis.values
+            panel.fill_between(x, low, high, **fill)
             panel.plot(
-                band.mean.time, band.mean.column(name), look.line, color=look.color,
+                x, band.mean.column(name), look.line, color=look.color,
                 linewidth=CURVE * look.weight, label=literal(band.mean.label),
             )  # fmt: skip
         if not what.has_one_scale:

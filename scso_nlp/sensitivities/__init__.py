@@ -1,5 +1,7 @@
 """How sure: exact derivatives of optima by what their problems were given, and bands made of them."""
 
+from scso_nlp.sensitivities.bands import Bands as Bands
+from scso_nlp.sensitivities.bands import bands as bands
 from scso_nlp.sensitivities.parameters import Parameter as Parameter
 from scso_nlp.sensitivities.sensitivity import Gradient as Gradient
 from scso_nlp.sensitivities.sensitivity import Regularity as Regularity
