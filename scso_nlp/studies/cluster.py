@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 MEMORY = 2 * 10**9
 #: Libraries read their number of threads from these before they start.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+#: What workers of a cluster made here run first: a terminal interrupts them too, and this process ends them.
+CTRL_C_IS_NOT_FOR_WORKERS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 #: How long a scheduler may take to answer [s].
 PATIENCE = 20.0
 
@@ -52,36 +54,44 @@ def client_of(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         raise DataError(f"workers is {workers}, but the cluster at {scheduler} has its own: leave it out")
     if workers is not None and workers < 1:
         raise DataError(f"workers is {workers}, expected 1 or more")
+    with contextlib.ExitStack() as made:
+        client = _started(made, scheduler, workers)
+        try:
+            yield client
+        finally:
+            # what has begun to end is not cut short
+            with undisturbed():
+                made.close()
+
+
+def _started(made: contextlib.ExitStack, scheduler: str | None, workers: int | None) -> Client:
+    """Start a cluster where there is none, and a client; what is made ends with the stack."""
     try:
         with undisturbed():
             from distributed import Client, LocalCluster
     except ImportError:
         raise EngineError("Dask is not installed: pip install 'scso_nlp[studies]'") from None
-    # a worker that is lost is told of by its trials, and ends are none of the user's business
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # what is lost is told of by the trials
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+            return made.enter_context(Client(scheduler, timeout=PATIENCE, set_as_default=False))
         except (OSError, ValueError) as error:
             raise EngineError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-        with client:
-            yield client
-        return
-    number = workers or default_workers()
-    with (
-        LocalCluster(
-            n_workers=number,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit=None,
-            host="127.0.0.1",
-            dashboard_address=None,
-            env={**dict.fromkeys(THREADS, "1"), "MPLBACKEND": "agg"},
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    cluster = LocalCluster(
+        n_workers=workers or default_workers(),
+        threads_per_worker=1,
+        processes=True,
+        memory_limit=None,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
+        env={**dict.fromkeys(THREADS, "1"), "MPLBACKEND": "agg"},
+        silence_logs=logging.CRITICAL,
+        preload=[CTRL_C_IS_NOT_FOR_WORKERS],
+    )
+    made.enter_context(cluster)
+    return made.enter_context(Client(cluster, set_as_default=False))
 
 
 def default_workers() -> int:

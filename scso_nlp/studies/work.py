@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from scso_nlp.exceptions import DataError, ProblemError, ScsoError
 from scso_nlp.messages import LOGGER
 from scso_nlp.needs import MotionNeeds
@@ -26,6 +28,8 @@ from scso_nlp.studies.record import Outcome, State, StudyTrial, read_outcome, wr
 
 #: IPOPT's linear solver and what keeps warnings are for one thread at a time.
 _ALONE = threading.Lock()
+#: Progress bars of one process keep to one another by this.
+_BARS = threading.RLock()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +139,8 @@ def solve_trial(task: Task, extracted: None = None) -> Outcome:
 def _ready() -> Iterator[None]:
     """Do one thing at a time, and leave messages of the package to the outcome."""
     silent = logging.NullHandler()
+    # tqdm's own is a semaphore between processes, which would outlive a worker that is killed
+    tqdm.set_lock(_BARS)
     with _ALONE:
         LOGGER.addHandler(silent)
         try:

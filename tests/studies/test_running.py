@@ -2,63 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from studies_run import Cluster, contents, lines_of, three_trials
 from typer.testing import CliRunner
 
 import scso_nlp as scso
 from scso_nlp.cli import app
-from scso_nlp.report.folder import REPORT
 from scso_nlp.studies import outcomes, plan, run
-from scso_nlp.studies.record import LOG, STUDY, TRIAL, read_study
+from scso_nlp.studies.record import TRIAL, read_study
 
 pytest.importorskip("distributed", reason="needs Dask; pip install '.[studies]' brings it")
 pytestmark = pytest.mark.opensim
 
 #: Two conditions of every trial, of which the first needs less of the motion than the second.
 GRID = {"stability": ["off", "potvin-brown"]}
-#: Of `report.json`: what another run of the same may tell otherwise.
-TIMES = ("written", "seconds", "solver")
-
-
-def contents(folder: Path) -> dict[str, object]:
-    """All files of a study but the log, with nothing in them of times and of the study's own place."""
-    found: dict[str, object] = {}
-    for path in sorted(folder.rglob("*")):
-        name = str(path.relative_to(folder))
-        if path.name in (REPORT, TRIAL):
-            text = path.read_text(encoding="utf-8").replace(str(folder), "STUDY")
-            found[name] = {key: v for key, v in json.loads(text).items() if key not in TIMES}
-        elif path.is_file() and path.name not in (LOG, STUDY):
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
-    found[STUDY] = read_study(folder)
-    return found
-
-
-def lines_of(folder: Path) -> list[list[str]]:
-    return [line.split("\t") for line in (folder / LOG).read_text(encoding="utf-8").splitlines()]
 
 
 @pytest.fixture(scope="module")
 def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from scso_nlp.examples import example_folder
-
-    folder = tmp_path_factory.mktemp("inputs") / "lab"
-    for place in ("S1/hold", "S1/lift", "S2/hold"):
-        shutil.copytree(example_folder("elbow"), folder / place)
-        (folder / place / "scso.toml").unlink()
-    return folder
+    return three_trials(tmp_path_factory.mktemp("inputs") / "lab")
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +44,11 @@ def cluster() -> Iterator[str]:
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, memory_limit=None
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        memory_limit=None,
     ) as running:
         yield running.scheduler_address
 
@@ -222,60 +193,9 @@ def test_a_cluster_that_is_none_is_said(three, tmp_path, options, kind, words):
         run(plan(three), output=tmp_path / "study", **options)
 
 
-@contextlib.contextmanager
-def others_cluster(folder: Path, workers: int = 2) -> Iterator[str]:
-    """A scheduler and workers started by Dask's own commands; gives the address."""
-    dask = [sys.executable, "-m", "dask"]
-    told = folder / "scheduler.json"
-    options = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    started = [
-        subprocess.Popen(
-            [
-                *dask,
-                "scheduler",
-                "--host",
-                "127.0.0.1",
-                "--port",
-                "0",
-                "--no-dashboard",
-                "--scheduler-file",
-                str(told),
-            ],
-            **options,
-        )
-    ]
-    try:
-        until = time.monotonic() + 60
-        while not told.exists() and time.monotonic() < until:
-            time.sleep(0.1)
-        started += [
-            subprocess.Popen(
-                [
-                    *dask,
-                    "worker",
-                    "--scheduler-file",
-                    str(told),
-                    "--nthreads",
-                    "1",
-                    "--no-dashboard",
-                    "--local-directory",
-                    str(folder),
-                ],
-                **options,
-            )
-            for _ in range(workers)
-        ]
-        yield json.loads(told.read_text())["address"]
-    finally:
-        for process in reversed(started):
-            process.send_signal(signal.SIGTERM)
-        for process in started:
-            process.wait(30)
-
-
 @pytest.mark.slow
 def test_a_cluster_of_others_gives_the_same_bit_for_bit(study, three, tmp_path):
-    with others_cluster(tmp_path) as address:
+    with Cluster(tmp_path / "cluster") as cluster:
         done = CliRunner().invoke(
             app,
             [
@@ -288,7 +208,7 @@ def test_a_cluster_of_others_gives_the_same_bit_for_bit(study, three, tmp_path):
                 "--output",
                 str(tmp_path / "study"),
                 "--scheduler",
-                address,
+                cluster.address,
             ],
             prog_name="scso",
         )

@@ -1,0 +1,205 @@
+"""Studies whose worker, scheduler or main process is killed at random moments, and that are run again.
+
+Seeded and few by default; ``SCSO_STUDY_STOPS=5 pytest tests/robustness/test_studies_stopped.py -s`` tries so
+many moments of each kind and prints what became of them.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies_run import Cluster, contents, lines_of, three_trials
+
+from scso_nlp.studies.record import LOG, STUDY, TRIAL
+
+pytest.importorskip("distributed", reason="needs Dask; pip install '.[studies]' brings it")
+psutil = pytest.importorskip("psutil")
+pytestmark = [
+    pytest.mark.opensim,
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds processes in /proc"),
+]
+
+#: How many moments are tried of each kind.
+NUMBER = int(os.environ.get("SCSO_STUDY_STOPS", "1"))
+#: Trials times conditions.
+N_RUNS = 6
+
+
+def moments(kind: str) -> list[float]:
+    """Random moments, in runs that have ended."""
+    seed = int.from_bytes(hashlib.sha256(kind.encode()).digest()[:4])
+    return np.random.default_rng(seed).uniform(0.0, N_RUNS - 1, NUMBER).tolist()
+
+
+class Study:
+    """A study of three trials by two conditions, run by the command."""
+
+    def __init__(self, folder: Path, inputs: Path) -> None:
+        self.inputs, self.output, self.temporary = inputs, folder / "study", folder / "temporary"
+        self.temporary.mkdir(parents=True)
+
+    def start(self, *options: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [
+                *(sys.executable, "-m", "scso_nlp", "batch", str(self.inputs), "--output", str(self.output)),
+                *("--stability", "off,potvin-brown", "--axes", "z", *options),
+            ],
+            env=os.environ | {"TMPDIR": str(self.temporary)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # pytest may have been started with signals ignored
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+
+    def wait_until(self, moment: float, process: subprocess.Popen[str]) -> None:
+        """Wait until the study is there and so many runs have ended, and for the rest of the moment."""
+        n, rest = divmod(moment, 1.0)
+        while process.poll() is None and not (
+            (self.output / STUDY).exists() and len(list(self.output.rglob(TRIAL))) >= n
+        ):
+            time.sleep(0.01)
+        time.sleep(rest / 2)
+
+    def finish(self) -> str:
+        """Run it again; say what is wrong, empty if nothing."""
+        process = self.start("--workers", "2")
+        said = process.communicate(timeout=300)
+        return "" if process.returncode == 0 else f"exit code {process.returncode}\n{said}"
+
+    def what_is_wrong(self, undisturbed: dict[str, object]) -> str:
+        """Hold what is there against a study that nobody disturbed."""
+        found = contents(self.output)
+        if different := [name for name in found | undisturbed if found.get(name) != undisturbed.get(name)]:
+            return f"different from an undisturbed study: {different}"
+        done = collections.Counter(line[1] for line in lines_of(self.output) if line[3] == "done")
+        if set(done.values()) != {1} or len(done) != N_RUNS:
+            return f"not one line for every run in {LOG}: {done}"
+        return ""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return three_trials(tmp_path_factory.mktemp("inputs") / "lab")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    study = Study(tmp_path_factory.mktemp("undisturbed"), inputs)
+    assert study.finish() == ""
+    found = contents(study.output)
+    assert study.what_is_wrong(found) == ""
+    return found
+
+
+def processes_of(study: Study) -> list[int]:
+    """Processes that work in the temporary folder of a study."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            is_of_it = process.environ().get("TMPDIR") == str(study.temporary)
+            if is_of_it and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process.pid)
+    return found
+
+
+def tell(kind: str, outcomes: collections.Counter[str]) -> None:
+    if NUMBER > 1:
+        print(f"\n{kind}: " + ", ".join(f"{n} {what}" for what, n in sorted(outcomes.items())))
+
+
+@pytest.mark.parametrize("number", ["SIGKILL", "SIGINT", "SIGTERM"])
+def test_a_main_process_that_is_stopped_leaves_no_process_and_loses_nothing(
+    tmp_path, inputs, undisturbed, number
+):
+    kind = f"{number} to the main process"
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind)):
+        study = Study(tmp_path / str(k), inputs)
+        process = study.start("--workers", "2")
+        study.wait_until(moment, process)
+        # as a terminal does, to all of them; SIGKILL to the one
+        stop = os.kill if number == "SIGKILL" else os.killpg
+        stop(process.pid, signal.Signals[number])
+        _, words = process.communicate(timeout=120)
+        code = process.returncode
+        expected = {"SIGKILL": -9, "SIGINT": 130, "SIGTERM": 143}[number]
+        before = len(list(study.output.rglob(TRIAL)))
+        outcomes[f"{before} done before"] += 1
+        until = time.monotonic() + 30
+        while (left := processes_of(study)) and time.monotonic() < until:
+            time.sleep(0.1)
+        what = f"processes are left: {left}" if left else ""
+        if code not in (expected, 0):
+            what = what or f"exit code {code}"
+        if number != "SIGKILL" and "Traceback" in words:
+            what = what or "a traceback"
+        what = what or study.finish() or study.what_is_wrong(undisturbed)
+        if what:
+            wrong[moment] = f"{what}\n{words}"
+        shutil.rmtree(study.output.parent)
+    tell(kind, outcomes)
+    assert not wrong
+
+
+def test_a_worker_that_is_killed_costs_its_trial_a_second_start(tmp_path, inputs, undisturbed):
+    kind = "SIGKILL to a worker"
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind)):
+        study = Study(tmp_path / str(k), inputs)
+        process = study.start("--workers", "2")
+        study.wait_until(moment, process)
+        children = psutil.Process(process.pid).children() if process.poll() is None else []
+        workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        if workers:
+            workers[k % len(workers)].kill()
+        said = process.communicate(timeout=300)
+        outcomes["a worker killed" if workers else "no worker there"] += 1
+        what = "" if process.returncode == 0 else f"exit code {process.returncode}"
+        what = what or study.what_is_wrong(undisturbed)
+        if what:
+            wrong[moment] = f"{what}\n{said}"
+        shutil.rmtree(study.output.parent)
+    tell(kind, outcomes)
+    assert not wrong
+
+
+def test_a_scheduler_that_is_killed_ends_the_call_with_a_sentence(tmp_path, inputs, undisturbed):
+    kind = "SIGKILL to a scheduler"
+    outcomes, wrong = collections.Counter(), {}
+    for k, moment in enumerate(moments(kind)):
+        study = Study(tmp_path / str(k), inputs)
+        with Cluster(tmp_path / f"cluster{k}") as cluster:
+            process = study.start("--scheduler", cluster.address)
+            study.wait_until(moment, process)
+            cluster.scheduler.kill()
+            _, words = process.communicate(timeout=300)
+        what = ""
+        if process.returncode == 0:
+            outcomes["finished before"] += 1
+        else:
+            outcomes["one sentence"] += 1
+            said = [line for line in words.splitlines() if line.startswith("error: ")]
+            sentences = ("the Dask scheduler is gone; what was done stays", "no Dask scheduler answers at")
+            if process.returncode != 2 or len(said) != 1 or not any(s in said[0] for s in sentences):
+                what = f"exit code {process.returncode}"
+        what = what or study.finish() or study.what_is_wrong(undisturbed)
+        if what:
+            wrong[moment] = f"{what}\n{words}"
+        shutil.rmtree(study.output.parent)
+    tell(kind, outcomes)
+    assert not wrong
