@@ -13,6 +13,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from scso_nlp.cli import app
+from scso_nlp.examples import example_folder
 from scso_nlp.report.contents import RESULT_FILES
 from scso_nlp.report.results import FIGURES
 
@@ -70,6 +71,22 @@ ENDS = {
 }
 
 
+COMMANDS, STUDIES = blocks("sh")[-2:]
+
+
+@pytest.mark.opensim
+def test_the_lines_about_studies_run_as_printed(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="needs Dask; pip install '.[studies]' brings it")
+    shutil.copytree(example_folder("elbow"), tmp_path / "trials" / "S1" / "hold")
+    (tmp_path / "trials/S1/hold/scso.toml").unlink()
+    monkeypatch.chdir(tmp_path)
+    line = STUDIES.split("#")[0]
+    for words, said in ((line, "3 runs"), (line.replace("--dry-run", ""), "3 done (3 run now)")):
+        done = CliRunner().invoke(app, shlex.split(words)[1:], prog_name="scso")
+        assert done.exit_code == 0, (words, done.output)
+        assert said in done.output
+
+
 @pytest.mark.opensim
 def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared_data, tmp_path, monkeypatch):
     """Of the first frames of OpenSim's gait10dof18musc; only the figures are left out."""
@@ -80,7 +97,7 @@ def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared
     monkeypatch.chdir(folder)
     monkeypatch.setattr("scso_nlp.report.results.FIGURES", {})
     seen = []
-    for line in blocks("sh")[-1].splitlines():
+    for line in COMMANDS.splitlines():
         _, command, *arguments = shlex.split(line.split("#")[0])
         done = CliRunner().invoke(app, [command, *arguments], prog_name="scso")
         # the doctor finds residuals that no muscle carries: its exit code is advice
