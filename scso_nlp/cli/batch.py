@@ -54,14 +54,16 @@ def batch(
     """Run every trial of a study, and say what becomes of each.
 
     Options are settings of all trials; several values between commas make a grid, and every combination is
-    run. What is done already, with the same inputs, settings and version, is left as it is. Exit code 0: all
-    done; 1: some failed or have bad input, the rest is done; 2: no study at all.
+    run. What is done already, with the same inputs, settings and version, is left as it is. Tables of all
+    results are written beside them; scso report draws figures and a page. Exit code 0: all done; 1: some
+    failed or have bad input, the rest is done; 2: no study at all.
     """
     with exit_codes(verbose):
         with undisturbed():
             from scso_nlp.exceptions import ProblemError
             from scso_nlp.studies.grid import alternatives
             from scso_nlp.studies.planning import plan
+            from scso_nlp.studies.results import read, write_tables
             from scso_nlp.studies.running import run
 
         if formulation is not None and changes["stability"] is not None:
@@ -85,6 +87,8 @@ def batch(
                 name = f"{outcome.subject}/{outcome.trial}/{outcome.condition}"
                 typer.echo(f"  {name}: {outcome.state}: {outcome.sentence}", err=True)
         typer.echo(f"{result!r}")
+        write_tables(read(result.folder))
+        typer.echo(f"  its tables are there; scso report {result.folder} draws figures and writes a page")
         if not result.is_done:
             raise typer.Exit(FRAME_FAILED)
 

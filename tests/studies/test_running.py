@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import scso_nlp as scso
 from scso_nlp.cli import app
-from scso_nlp.studies import outcomes, plan, run
+from scso_nlp.studies import outcomes, plan, read, run, write_tables
 from scso_nlp.studies.record import TRIAL, read_study
 
 pytest.importorskip("distributed", reason="needs Dask; pip install '.[studies]' brings it")
@@ -35,6 +35,7 @@ def study(three: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = run(plan(three, grid=GRID, axes=["z"]), output=folder, workers=2, progress=False)
     assert result.is_done
     assert (result.folder, result.n_new, len(result.outcomes)) == (folder, 6, 6)
+    write_tables(read(folder))
     return folder
 
 
@@ -215,3 +216,4 @@ def test_a_cluster_of_others_gives_the_same_bit_for_bit(study, three, tmp_path):
     assert done.exit_code == 0, done.output
     assert "6 done (6 run now)" in done.output
     assert contents(tmp_path / "study") == contents(study)
+    assert "summary.parquet" in contents(study)
