@@ -1,8 +1,7 @@
-"""Tables of a study as files: CSV for everybody, Parquet with exact numbers and types."""
+"""Tables of a study as files: CSV for everybody, Parquet with the types of columns."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,9 +12,6 @@ from scso_nlp.messages import COUNTS
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: Significant digits in CSV files.
-DIGITS = 10
 
 
 def pandas() -> Any:
@@ -61,14 +57,14 @@ def write_frames(tables: Mapping[str, pd.DataFrame], folder: Path) -> tuple[Path
     DataError
         A file cannot be written.
     """
+    from pyarrow import Table, csv, parquet
+
     files = []
-    for name, table in tables.items():
-        for ending, write in (
-            ("csv", functools.partial(table.to_csv, float_format=f"%.{DIGITS}g", lineterminator="\n")),
-            ("parquet", table.to_parquet),
-        ):
+    for name, frame in tables.items():
+        table = Table.from_pandas(frame, preserve_index=False)
+        for ending, write in (("csv", csv.write_csv), ("parquet", parquet.write_table)):
             files.append(folder / f"{name}.{ending}")
             COUNTS.info("writing %s", files[-1].name)
             with write_whole(files[-1]) as temporary:
-                write(temporary, index=False)
+                write(table, str(temporary))
     return tuple(files)
