@@ -234,7 +234,9 @@ class Optimality:
     Notes
     -----
     NaN in frames without an iterate. In scaled unknowns and rows. Frames that terms couple share their
-    neighbours' multipliers, and have one size.
+    neighbours' multipliers, and have one size. Unknowns that an equation of their frame determines by itself,
+    such as controls of residuals where no muscle acts, are left out of all but feasibility: beside what they
+    cost nothing else would count.
     """
 
     feasibility: FloatArray

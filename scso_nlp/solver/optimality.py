@@ -100,7 +100,9 @@ def _grade(
     lower, upper = part.bounds
     rest = np.clip(0.0, lower, upper)
     at_rest = np.nan_to_num(_objective_gradient(part, rest, unit))
-    rise = np.maximum(np.abs(gradient), np.abs(gradient - at_rest))
+    # what an equation determines is no choice: its size says nothing of those there are
+    is_free = ~part.affine[0].determined(program.rows, unknowns.shape[1])
+    rise = np.where(is_free, np.maximum(np.abs(gradient), np.abs(gradient - at_rest)), 0.0)
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
     missed = np.zeros(len(unknowns))
     for is_pair, table in enumerate((program.rows, program.pair_rows)):
@@ -113,6 +115,7 @@ def _grade(
             missed = np.maximum(missed, violation)
     outside = np.maximum(np.maximum(lower - unknowns, unknowns - upper), 0.0)
     missed = np.maximum(missed, (outside / np.maximum(np.abs(unknowns), _TINY)).max(axis=1, initial=0.0))
+    lagrangian = np.where(is_free, lagrangian, 0.0)
     up, down = np.maximum(lagrangian, 0.0), np.maximum(-lagrangian, 0.0)
     has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
     left = np.where(has_lower, 0.0, up) + np.where(has_upper, 0.0, down)
@@ -123,7 +126,7 @@ def _grade(
     if program.is_coupled:
         slope[:], size[:] = slope.max(initial=0.0), size.mean()
     # What vanishes among the smallest doubles, away from rest, cannot be graded.
-    size[(size < _LEAST_SIZE) & (unknowns != rest).any(axis=1) & _has_slope(part)] = np.nan
+    size[(size < _LEAST_SIZE) & ((unknowns != rest) & is_free).any(axis=1) & _has_slope(part)] = np.nan
     gap = np.full(len(unknowns), np.nan) if program.split.nonlinear else products.sum(axis=1)
 
     def share(values: FloatArray, of: FloatArray) -> FloatArray:

@@ -43,9 +43,11 @@ _LEAST_SIZE = 1e-2
 #: Scale of frames whose unknowns vanish [-].
 _SMALLEST_SIZE = 1e-12
 
-#: A frame has arrived when two steps promise less than this share of its objective [-]: where reserves cost
-#: far more than muscles, muscles are not there yet when the first does, and the second squares what is left.
+#: A frame has arrived when two steps promise less than this share of what its free unknowns cost [-]: where
+#: reserves cost far more than muscles, these are not there yet at the first; the second squares what is left.
 _LEAST_PROMISE = 1e-13
+#: Share of an objective by which rounding may raise it [-].
+_NOISE = 2.0**-50
 
 #: Least curvature of an unknown over the largest of the frame, and where the method fails with it [-].
 _LEAST_CURVATURE = (1e-7, 1e-5, 1e-3)
@@ -244,6 +246,7 @@ class Block:
         self.unknowns, self.multipliers = start.copy(), np.zeros(self.used.shape)
         self.is_contradicted = np.zeros(frames.size, dtype=bool)
         self.is_near = np.zeros(frames.size, dtype=bool)
+        self.is_free = ~affine.determined(table, start.shape[1])
         self.diagonal = np.zeros((start.shape[1], start.shape[1]))
         self._collect_sides()
         self.is_feasible = self._missed() <= _TOLERANCE
@@ -326,16 +329,18 @@ class Block:
         """Follow the steps as far as the objective falls; frames whose step promises nothing have arrived."""
         here = self.objective.values(self.unknowns, self.arrays)
         promise = -(gradient * step).sum(axis=1)
+        least = _LEAST_PROMISE * np.abs(np.where(self.is_free, gradient * self.unknowns, 0.0)).sum(axis=1)
+        noise = _NOISE * np.abs(here)
         length = np.where(going, 1.0, 0.0)
         for _ in range(_MOST_HALVINGS):
             there = self.objective.values(self.unknowns + length[:, None] * step, self.arrays)
-            enough = there <= here - _KEPT_PROMISE * length * promise
-            short = going & self.is_feasible & ~enough & (promise > _LEAST_PROMISE * np.abs(here))
+            enough = there <= here - _KEPT_PROMISE * length * promise + noise
+            short = going & self.is_feasible & ~enough & (promise > least)
             if not short.any():
                 break
             length[short] /= 2
         self.unknowns += length[:, None] * step
-        is_near = self.is_feasible & (promise <= _LEAST_PROMISE * np.abs(here))
+        is_near = self.is_feasible & (promise <= least)
         going &= ~(is_near & self.is_near)
         self.is_near = is_near
         self.is_feasible |= length == 1

@@ -242,8 +242,12 @@ class _Run:
                 self._call(relatives.nlp, solver, block)
         self.start, self.scale = before
         worst = self._worst()
-        for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
-            self.status[k] = None
+        for k in frames:
+            # IPOPT calls acceptable what misses the share of the tolerance that was asked for
+            if worst[k] <= self.options.tolerance and self.status[k] is Status.ACCEPTABLE:
+                self.status[k] = Status.SOLVED
+            elif worst[k] > OPTIMALITY_TOLERANCE:
+                self.status[k] = None
 
     def together(self) -> None:
         """Solve the waiting frames as few programs; where they fail, find out which and go on without."""
@@ -488,14 +492,18 @@ def frame_weights(program: FrameProgram, unknowns: FloatArray) -> FloatArray:
 def _objective_size(
     program: FrameProgram, unknowns: FloatArray, others: tuple[FloatArray, ...]
 ) -> FloatArray:
-    """Sum of |x df/dx|, the largest of all points, shape (n_frames,); 1 where it is zero."""
+    """Sum of |x df/dx|, the largest of all points, shape (n_frames,); 1 where it is zero.
+
+    Unknowns that an equation determines do not count: the size is of what there is to choose.
+    """
     size = np.zeros(len(unknowns))
+    is_free = ~program.split.affine.determined(program.rows, program.layout.size)
     for _, piece in program.objectives:
         slope = piece.slope()
         for point in (unknowns, *others):
             slopes = np.abs(evaluate(piece, slope, point, program.arrays)[0])
             for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
                 frames = slice(side, side + len(part))
-                value = (part * np.abs(point[frames])).sum(axis=1)
+                value = np.where(is_free[frames], part * np.abs(point[frames]), 0.0).sum(axis=1)
                 size[frames] = np.maximum(size[frames], np.where(np.isfinite(value), value, 0.0))
     return np.where(size > np.finfo(float).tiny, size, 1.0)

@@ -18,6 +18,9 @@ from scso_nlp.stability.hessian import describe_turn
 from scso_nlp.transcription.piece import Derivatives, Key, Piece, curved, first_order, frame_blocks
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
+#: Share of a row's entries that is rounding of its only one [-].
+_ALONE = 1e-12
+
 
 @dataclass(frozen=True, kw_only=True)
 class RowBlock:
@@ -267,6 +270,20 @@ class AffineRows:
     def by_row(self, entries: FloatArray) -> FloatArray:
         """Add up the entries (n, n_entries) of every row, shape (n, n_rows)."""
         return _added(entries, self.place[self.row], self.rows.size)
+
+    def determined(self, table: RowTable, size: int) -> BoolArray:
+        """Tell which unknowns (n, size) an equation of their frame determines by itself.
+
+        Such are controls of residuals where no muscle acts: what they cost is no choice.
+        """
+        place = self.place[self.row]
+        is_equation = (table.lower == table.upper)[self.rows]
+        total = self.by_row(np.abs(self.values))[:, place]
+        alone = is_equation[place] & (self.values != 0) & (np.abs(self.values) >= (1 - _ALONE) * total)
+        frame, entry = np.nonzero(alone)
+        found = np.zeros((len(self.values), size), dtype=bool)
+        found[frame, self.column[entry]] = True
+        return found
 
     def frames(self, which: IntArray | slice) -> AffineRows:
         """Keep some frames."""

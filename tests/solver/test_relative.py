@@ -259,3 +259,23 @@ def test_unknowns_follow_as_many_others(rng):
         match=r"10 unknowns 'wanted' of Lag follow 'control', expected one of .*'control': 3",
     ):
         describe(problem)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_muscles_beside_costly_reserves_are_at_their_optimum_too(seed):
+    """What muscles still have to go must not be lost beside the cost of a residual that none can help."""
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng, n_frames=8, n_muscles=20, exponent=3.0, reserve=1.0, stability=False)
+    trajectory = problem.motion.trajectory
+    moments, arms = trajectory.generalized_forces.copy(), trajectory.moment_arms.copy()
+    moments[:, 0], arms[:, 0] = 400.0, 0.0
+    trajectory = dataclasses.replace(trajectory, generalized_forces=moments, moment_arms=arms)
+    problem = dataclasses.replace(problem, motion=dataclasses.replace(problem.motion, trajectory=trajectory))
+    cold = scso.SolverOptions(presolve=False, tolerance=1e-12)
+    for terms in ((), (scso.ActivationRate(),)):
+        asked = dataclasses.replace(problem, constraints=(*problem.constraints, *terms))
+        fast = scso.solve_trajectory(asked)
+        exact = scso.solve_trajectory(asked, options=cold, on_failure="return")
+        assert fast.objective > 1e6 * (fast.activation**3).sum()
+        np.testing.assert_allclose(fast.activation, exact.activation, atol=1e-7)
+        assert {status.name for status in fast.frame_status} == {"SOLVED"}
