@@ -6,12 +6,14 @@
 import re
 import shlex
 import shutil
+from pathlib import Path
 
 import pytest
 from conftest import PROJECT_ROOT
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import scso_nlp as scso
 from scso_nlp.cli import app
 from scso_nlp.examples import example_folder
 from scso_nlp.report.contents import RESULT_FILES
@@ -30,15 +32,39 @@ def blocks(language):
 @pytest.mark.opensim
 def test_the_python_blocks_run_in_order(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    follow({})
+
+
+def follow(changes):
+    """Run all Python of the README in the working folder, with some of its words replaced."""
     names = {}
     for block in blocks("python"):
+        for word, other in changes.items():
+            block = block.replace(word, other)
         exec(compile(block, "README.md", "exec"), names)
     assert names["solution"].is_solved.all()
-    assert (tmp_path / "results" / "report.json").is_file()
-    import scso_nlp
-
-    both = scso_nlp.solve_trajectory(names["problem"])
+    assert Path("results", "report.json").is_file()
+    both = scso.solve_trajectory(names["problem"])
     assert set(both.objective_terms) == {"ActivationEffort", "total_force"}
+
+
+@pytest.fixture
+def walk(shared_data, tmp_path, monkeypatch):
+    """OpenSim's gait10dof18musc with the first frames of its motion, in the working folder."""
+    folder = tmp_path / "gait10dof18musc"
+    shutil.copytree(shared_data / "gait10dof18musc", folder)
+    setup = (folder / "setup_static_optimization.xml").read_text(encoding="utf-8")
+    (folder / "setup.xml").write_text(setup.replace("_time>1.7<", "_time>0.58<"), encoding="utf-8")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.mark.opensim
+def test_the_python_blocks_run_on_a_walk_with_the_q_that_it_takes(walk):
+    own = {'example_folder("spine-load-height") / "setup.xml"': '"setup.xml"'}
+    with pytest.raises(scso.SolveFailed, match=r"try q = 18: at q = 17\.\d+ and above the failed frames"):
+        follow(own)
+    follow(own | {"q=5.0": "q=18"})
 
 
 def test_the_first_example_is_short():
@@ -88,13 +114,8 @@ def test_the_lines_about_studies_run_as_printed(tmp_path, monkeypatch):
 
 
 @pytest.mark.opensim
-def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared_data, tmp_path, monkeypatch):
-    """Of the first frames of OpenSim's gait10dof18musc; only the figures are left out."""
-    folder = tmp_path / "gait10dof18musc"
-    shutil.copytree(shared_data / "gait10dof18musc", folder)
-    setup = (folder / "setup_static_optimization.xml").read_text(encoding="utf-8")
-    (folder / "setup.xml").write_text(setup.replace("_time>1.7<", "_time>0.58<"), encoding="utf-8")
-    monkeypatch.chdir(folder)
+def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(walk, monkeypatch):
+    """Only the figures are left out."""
     monkeypatch.setattr("scso_nlp.report.results.FIGURES", {})
     seen = []
     for line in COMMANDS.splitlines():
@@ -106,7 +127,7 @@ def test_every_command_line_runs_as_printed_on_a_model_that_its_words_fit(shared
         seen.append(command)
     assert set(seen) == set(ENDS)
     for results in ("results_a", "results_b", "scso_results/setup", "scso_results/scso"):
-        assert (folder / results / "report.json").is_file()
+        assert (walk / results / "report.json").is_file()
 
 
 def rows():
