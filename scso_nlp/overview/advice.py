@@ -134,7 +134,9 @@ def _on_power(found: Diagnosis, source: str) -> list[str]:
             max(int(row.is_out_of_reach.sum()) for row in out),
             shown_names([row.row for row in out]),
         )
-        advice.append(f"{names} cannot be kept in up to {most} frames, whatever the activations")
+        advice.append(
+            f"{names} cannot be kept in up to {most} frames at this stiffness, whatever the activations"
+        )
     elif kept < n and enough:
         advice.append(f"from q = {enough} on no frame would change any more (--q {enough})")
     if found.solution is not None and (solved := int(found.solution.is_solved.sum())) < n:
