@@ -57,7 +57,7 @@ QUANTITIES = {
     "activation": Quantity(word="Activation", kind="muscle", has_one_scale=True),
     "force": Quantity(word="Tendon force", kind="muscle"),
     "stability": Quantity(word="Stability", kind="stability row"),
-    "margin": Quantity(word="Stability margin", kind="stability row"),
+    "margin": Quantity(word="Margin", kind="stability row"),
     "reaction": Quantity(word="Joint reaction", kind="joint reaction"),
     "moment": Quantity(word="Moment", kind="coordinate"),
     "shortfall": Quantity(word="Shortfall", kind="row"),

@@ -76,6 +76,8 @@ def verdict_numbers(report: Mapping[str, Any]) -> Iterator[Number]:
     """
     statuses, verdict = report["frame_status"], report["verdict"]
     yield Number("frames", "all", "count", len(statuses), "-")
+    usable = sum(status in USABLE for status in statuses)
+    yield Number("frames", "usable", "count", usable, "-")
     for status in (*USABLE, *UNUSABLE):
         yield Number("frames", status.lower().replace("_", " "), "count", statuses.count(status), "-")
     if verdict["frames_stable"] is not None:
@@ -83,8 +85,6 @@ def verdict_numbers(report: Mapping[str, Any]) -> Iterator[Number]:
     for key, place in _EXTREMES.items():
         if verdict[key] is not None:
             yield Number(*place, verdict[key]["amount"], verdict[key]["unit"])
-    usable = sum(status in USABLE for status in statuses)
-    yield Number("frames", "usable", "count", usable, "-")
     if usable:
         paid = {what: amount / usable for what, amount in verdict["effort"].items()}
         yield Number("effort", "all", "mean", sum(paid.values()), "-")
