@@ -93,6 +93,7 @@ from .solution import SolveReport as SolveReport
 from .solution import StabilityMargin as StabilityMargin
 from .solution import Status as Status
 from .solver import EqualEffort as EqualEffort
+from .solver import Ranges as Ranges
 from .solver import Reach as Reach
 from .solver import SolverOptions as SolverOptions
 from .solver import at_effort as at_effort
@@ -100,6 +101,7 @@ from .solver import critical_q as critical_q
 from .solver import feasible_q as feasible_q
 from .solver import observe as observe
 from .solver import random_patterns as random_patterns
+from .solver import ranges as ranges
 from .solver import reachable_stability as reachable_stability
 from .solver import solve_framewise as solve_framewise
 from .solver import solve_trajectory as solve_trajectory

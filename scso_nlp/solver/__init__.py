@@ -3,6 +3,8 @@
 from scso_nlp.solver.critical_gain import critical_q as critical_q
 from scso_nlp.solver.equal_effort import EqualEffort as EqualEffort
 from scso_nlp.solver.equal_effort import at_effort as at_effort
+from scso_nlp.solver.extremes import Ranges as Ranges
+from scso_nlp.solver.extremes import ranges as ranges
 from scso_nlp.solver.feasible_gain import feasible_q as feasible_q
 from scso_nlp.solver.ipopt import SolverOptions as SolverOptions
 from scso_nlp.solver.judge import observe as observe

@@ -1,0 +1,124 @@
+"""Ranges near an optimum: closed forms, Clarabel beside them, patterns that try to leave them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import clarabel
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from helpers import elbow, frame_arrays, random_problem
+
+import scso_nlp as scso
+from scso_nlp.exceptions import ProblemError
+
+
+def least_by_clarabel(problem, k, cost, most):
+    """Least cost'x with A x = b, G x >= h, bounds and sum w x² <= most, by a conic solver."""
+    weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
+    n = a.shape[1]
+    below, above = np.isfinite(lower), np.isfinite(upper)
+    sides = np.vstack([-g, -np.eye(n)[below], np.eye(n)[above]])
+    limits = np.concatenate([-h, -lower[below], upper[above]])
+    cone = np.vstack([np.zeros(n), -np.diag(np.sqrt(weights))])
+    matrix = sp.csc_matrix(np.vstack([a, sides, cone]))
+    right = np.concatenate([b, limits, [np.sqrt(most)], np.zeros(n)])
+    cones = [
+        clarabel.ZeroConeT(len(b)),
+        clarabel.NonnegativeConeT(len(limits)),
+        clarabel.SecondOrderConeT(n + 1),
+    ]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    found = clarabel.DefaultSolver(sp.csc_matrix((n, n)), cost, matrix, right, cones, settings).solve()
+    assert "Solved" in str(found.status)
+    return found.obj_val
+
+
+@pytest.mark.parametrize("effort", [0.001, 0.05, 1.0])
+@pytest.mark.parametrize("reserve", [None, 5.0])
+@pytest.mark.parametrize("stability", [False, True])
+def test_extremes_are_those_of_a_conic_solver_and_certified(effort, reserve, stability):
+    rng = np.random.default_rng([13, int(1000 * effort)])
+    problem = random_problem(rng, n_frames=2, n_muscles=8, reserve=reserve, stability=stability)
+    solution = scso.solve_trajectory(problem)
+    found = scso.ranges(solution, effort=effort)
+    assert found.gap < 1e-7
+    for k in range(2):
+        weights, a, *_ = frame_arrays(problem, k)
+        x = np.concatenate([solution.activation[k], solution.control[k]])
+        most = (1 + effort) * float(weights @ x**2)
+        for m in range(8):
+            cost = np.eye(a.shape[1])[m]
+            low, high = (sign * least_by_clarabel(problem, k, sign * cost, most) for sign in (1, -1))
+            np.testing.assert_allclose([found.least[k, m], found.greatest[k, m]], [low, high], atol=2e-6)
+            assert found.certified_least[k, m] <= low + 2e-6
+            assert found.certified_greatest[k, m] >= high - 2e-6
+        if stability:
+            g, h = frame_arrays(problem, k)[3:5]
+            level = solution.rows["JointStability"].lower
+            least = [least_by_clarabel(problem, k, row, most) - low for row, low in zip(g, h, strict=True)]
+            np.testing.assert_allclose(found.least_stability[k], level + least, atol=1e-4)
+            most_row = [
+                -least_by_clarabel(problem, k, -row, most) - low for row, low in zip(g, h, strict=True)
+            ]
+            np.testing.assert_allclose(found.greatest_stability[k], level + most_row, atol=1e-4)
+
+
+def test_no_pattern_that_keeps_everything_leaves_the_ranges(rng):
+    """Walks in random directions through patterns of at most 5 % more effort, as far as each goes."""
+    problem = random_problem(rng, n_frames=1, n_muscles=7, reserve=5.0)
+    solution = scso.solve_trajectory(problem)
+    found = scso.ranges(solution, effort=0.05)
+    weights, a, _, g, h, lower, upper = frame_arrays(problem, 0)
+    x = np.concatenate([solution.activation[0], solution.control[0]])
+    most = 1.05 * float(weights @ x**2)
+    basis = np.linalg.svd(a)[2][len(a) :]
+    for _ in range(3000):
+        step = rng.normal(size=len(basis)) @ basis
+        length = 1.0
+        while length > 1e-4:
+            there = x + length * step
+            kept = (g @ there >= h).all() and (lower <= there).all() and (there <= upper).all()
+            if kept and weights @ there**2 <= most:
+                x = there
+                break
+            length /= 2
+        assert (x[:7] >= found.certified_least[0] - 1e-12).all()
+        assert (x[:7] <= found.certified_greatest[0] + 1e-12).all()
+
+
+def test_with_any_effort_the_others_at_full_activation_leave_the_rest_to_each_muscle():
+    """Moments 145, 60 and 20 N·m at full activation: what the others cannot carry is necessary."""
+    solution = scso.solve_trajectory(elbow([100.0, 200.0]))
+    found = scso.ranges(solution, effort=1e4)
+    np.testing.assert_allclose(found.least[0], [20 / 145, 0.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(found.greatest[0], [100 / 145, 1.0, 1.0], atol=1e-8)
+    np.testing.assert_allclose(found.least[1], [120 / 145, 35 / 60, 0.0], atol=1e-8)
+    needed = found.necessary(0.01)
+    assert {name: frames.tolist() for name, frames in needed.items()} == {
+        "m1": [True, True],
+        "m2": [False, True],
+    }
+
+
+def test_an_unsolved_frame_has_no_ranges():
+    solution = scso.solve_trajectory(elbow([60.0, 500.0]), on_failure="return")
+    found = scso.ranges(solution)
+    assert np.isnan(found.least[1]).all()
+    assert np.isfinite(found.least[0]).all()
+
+
+def test_what_has_no_ranges_is_refused(rng):
+    problem = random_problem(rng)
+    solution = scso.solve_trajectory(problem)
+    with pytest.raises(ProblemError, match="effort is 0, expected a positive share"):
+        scso.ranges(solution, effort=0.0)
+    cubed = dataclasses.replace(problem, objectives=(scso.ActivationEffort(exponent=3.0),))
+    with pytest.raises(ProblemError, match="sum of squares"):
+        scso.ranges(scso.solve_trajectory(cubed))
+    coupled = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
+    with pytest.raises(ProblemError, match="frames that are apart"):
+        scso.ranges(dataclasses.replace(solution, problem=coupled))
