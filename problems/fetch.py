@@ -159,6 +159,29 @@ KNEE_IMPLANT = DataSet(
 )  # fmt: skip
 
 
+TREADMILL = DataSet(
+    name="treadmill",
+    repository="CEINMS-RT/LowerLimbModel",
+    commit="4056e1c6de2276f174c1b1ef3f1de5ea017a0f07",
+    folder="",
+    license="Apache-2.0",
+    files={
+        "gait2392.osim": "b6bfb8bb76997fd6a30e91812511d533ead75f7ff3f8fc47168644585165ec10",
+        "run81/XLD.mot": "f245bbe6b04f57f44b3bc0cb1df8efe6d4d11f826dfbcb60c23c425cca5f9ce3",
+        "run81/emgFilt.sto": "3f50860cf66753e16a3ac790ef4517bd8ccd6bd7c2228c74d160227b295eccd9",
+        "run81/ik.sto": "09ed9ef494dbc78e192346056adbb9702fcd110d78bd73b77219a9b0c78f4d9f",
+        "walk36/XLD.mot": "0b2acf1beae77c2d33e685aa042173bcdb56c883932d51ec4eea3806b6745aae",
+        "walk36/emgFilt.sto": "ea4e6d254a32a4d1a0373d7e2555dc5c2327d524aa6a3c140e349408668e21ab",
+        "walk36/ik.sto": "9062c2ff23da5626fa1b4b9673803dd557262eb4363b1e0c0db63fc7ece0f15f",
+    },
+    origins={
+        "gait2392.osim": "model/gait2392.osim",
+        **{f"{trial}/{file}": f"data/{trial}/{file}"
+           for trial in ("run81", "walk36") for file in ("XLD.mot", "emgFilt.sto", "ik.sto")},
+    },
+)  # fmt: skip
+
+
 def fetch(data: DataSet, *, cache: str | os.PathLike[str] | None = None, base_url: str = BASE_URL) -> Path:
     """Make sure that all files of a data set are there, unchanged.
 

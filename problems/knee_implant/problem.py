@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from scipy.io import loadmat
 
 from problems.fetch import KNEE_IMPLANT, fetch, motion_cache
 from scso_nlp import CoordinateStability, MuscleForceProblem, Solution, static_optimization
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.exceptions import NameMismatchError
 from scso_nlp.opensim.engine import load_motion
 from scso_nlp.validation import FloatArray
@@ -28,7 +30,13 @@ SOFT = 1.0
 CUTOFF = 6.0
 
 
-def make_problem(trial: str = "GC5_ss1", q: float = 40.0, step_interval: int = 1) -> MuscleForceProblem:
+def make_problem(
+    trial: str = "GC5_ss1",
+    q: float = 40.0,
+    step_interval: int = 1,
+    *,
+    prepare_for: Sequence[StabilityConstraint] = (),
+) -> MuscleForceProblem:
     """Describe one gait cycle of the left leg with soft stability along knee and ankle.
 
     Parameters
@@ -39,6 +47,8 @@ def make_problem(trial: str = "GC5_ss1", q: float = 40.0, step_interval: int = 1
         Stiffness gain of all muscles.
     step_interval : int
         Take every n-th frame of the recording (120 per second).
+    prepare_for : sequence of StabilityConstraint
+        Extract what these need, too.
 
     Returns
     -------
@@ -72,7 +82,7 @@ def make_problem(trial: str = "GC5_ss1", q: float = 40.0, step_interval: int = 1
             step_interval=step_interval,
             keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
             joint_reactions=(KNEE,),
-            prepare_for=[stability],
+            prepare_for=[stability, *prepare_for],
             name=trial,
             cache=motion_cache(),
         )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from problems.fetch import WALKING3D, fetch, motion_cache
 from scso_nlp import JointStability, MuscleForceProblem, stability_constrained_static_optimization
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.opensim.engine import load_motion
 
 #: Joints with stability rows: the right leg, over which the EMG was recorded.
@@ -20,7 +22,9 @@ EMG_MAP = Path(__file__).parent / "emg_map.toml"
 _RESERVES = Path(__file__).parent / "reserves.xml"
 
 
-def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
+def make_problem(
+    q: float = 5.0, step_interval: int = 10, *, prepare_for: Sequence[StabilityConstraint] = ()
+) -> MuscleForceProblem:
     """Describe the stride with soft stability rows about all axes of the right knee and ankle.
 
     Parameters
@@ -29,6 +33,8 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         Stiffness gain of all muscles.
     step_interval : int
         Take every n-th frame of the recording (1000 per second).
+    prepare_for : sequence of StabilityConstraint
+        Extract what these need, too.
 
     Returns
     -------
@@ -50,7 +56,7 @@ def make_problem(q: float = 5.0, step_interval: int = 10) -> MuscleForceProblem:
         initial_time=INITIAL_TIME,
         final_time=FINAL_TIME,
         step_interval=step_interval,
-        prepare_for=[stability],
+        prepare_for=[stability, *prepare_for],
         keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
         name="walking_3d",
         cache=motion_cache(),

@@ -1,0 +1,256 @@
+"""From measurements to words: docs/scorecard.md and .csv, and README's paragraph. Verdicts are made here."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from problems.outputs import markdown_table, write_table
+from problems.scorecard import rules
+from problems.scorecard.running import SO, Row, entry
+from scso_nlp.files import write_whole
+
+#: README's paragraph, up to the next empty line.
+PARAGRAPH = re.compile(r"^Scorecard\b.*(\n.+)*", re.MULTILINE)
+#: Columns of the CSV file.
+COLUMNS = (
+    "set", "kind", "unit", "method", "at the effort of", "power", "solved", "units",
+    *(f"{metric}{what}" for metric in ("agonists", "antagonists", "contact force [N]")
+      for what in ("", ", minus SO", ", low", ", high")),
+    "effort", "reserves", "missed", "verdict", "note",
+)  # fmt: skip
+_METRICS = ("agonists", "antagonists", "contact force")
+_WIDTH = 120
+_TEMPLATE = Path(__file__).with_name("page.md")
+_PREDICTIONS = ("load height", "effort")
+_OWN = "axes, q = 5"
+
+
+def judged(name: str, measured: Mapping[str, Any]) -> Iterator[tuple[Row, str, str]]:
+    """Give each row of a set with its verdict and a note.
+
+    Parameters
+    ----------
+    name : str
+        Of the set.
+    measured : mapping
+        The set's part of a result file.
+
+    Yields
+    ------
+    row, verdict, note
+    """
+    rows: Sequence[Row] = measured["rows"]
+    plain = next(row for row in rows if row["method"] == SO)
+    for row in rows:
+        given = str(row.get("note", ""))
+        if measured["kind"] in _PREDICTIONS:
+            yield row, *_prediction(row, measured["kind"])
+        elif measured["kind"] == "by construction":
+            yield row, "by construction", given
+        elif row is plain:
+            yield row, "", ""
+        else:
+            nulls = {
+                r["method"]: entry(r)
+                for r in rows
+                if r.get("reference") == row["method"] and r["solved"] >= rules.LEAST_SOLVED
+            }
+            is_null = "reference" in row
+            verdict, note = rules.verdict(entry(row), entry(plain), None if is_null else nulls)
+            yield row, verdict, "; ".join(filter(None, (note, given)))
+
+
+def _prediction(row: Row, kind: str) -> tuple[str, str]:
+    note = str(row.get("note", ""))
+    if row["solved"] < rules.LEAST_SOLVED or not row["errors"]:
+        return "not solved", note
+    if row["power"] < rules.LEAST_POWER:
+        return "no power", note
+    (values,) = row["errors"].values()
+    if kind == "load height":
+        half = len(values) // 2
+        rises = all(rules.is_above(v[-1], v[0]) for v in (values[:half], values[half:]))
+        note = "; ".join(filter(None, (note, "by construction" if row["method"] == _OWN else "")))
+        return "as measured" if rises else "not as measured", note
+    return "not as measured" if rules.is_above(values[0], values[-1]) else "as measured", note
+
+
+def lines(name: str, measured: Mapping[str, Any]) -> list[list[object]]:
+    """Lay a set out in the columns of the CSV file."""
+    plain = next(row for row in measured["rows"] if row["method"] == SO)
+    found = []
+    for row, verdict, note in judged(name, measured):
+        cells: list[object] = [
+            name, measured["kind"], measured["unit"], row["method"], row.get("reference", ""),
+            "" if row is plain else row["power"], row["solved"],
+            max((len(v) for v in row["errors"].values()), default=0),
+        ]  # fmt: skip
+        for metric in _METRICS:
+            values = row["errors"].get(metric)
+            if values is None or not np.isfinite(values).any():
+                cells += [""] * 4
+                continue
+            apart = rules.interval(np.asarray(values) - np.asarray(plain["errors"][metric]))
+            cells.append(float(np.nanmean(values)))
+            cells += [""] * 3 if row is plain else ["" if math.isnan(v) else v for v in apart]
+        cells += [row.get(key, "") for key in ("effort", "reserves", "missed")]
+        found.append([*cells, verdict, note])
+    return found
+
+
+def set_table(name: str, measured: Mapping[str, Any]) -> str:
+    """Lay a set out as a Markdown table."""
+    weight = measured.get("body weight [N]")
+    rows = []
+    for line in lines(name, measured):
+        cell = dict(zip(COLUMNS, line, strict=True))
+        label = str(cell["method"])
+        if cell["at the effort of"]:
+            label = f"{label}, at the effort of {cell['at the effort of']}"
+        shown = [_with_interval(cell, m) for m in ("agonists", "antagonists")]
+        shown.append(_with_interval(cell, "contact force [N]", weight))
+        rows.append(
+            [label, _number(cell["power"], "{:.0%}"), *shown, _number(cell["effort"]),
+             _number(cell["reserves"], "{:.1%}"), _number(cell["missed"], "{:.0%}"),
+             f"**{cell['verdict']}**" if cell["verdict"] else "", cell["note"]]
+        )  # fmt: skip
+    heads = ["method", "power", "agonists", "antagonists", "contact force [N], [BW]", "effort", "reserves",
+             "missed", "verdict", "note"]  # fmt: skip
+    used = [i for i in range(len(heads)) if i < 2 or any(row[i] for row in rows)]
+    return markdown_table([heads[i] for i in used], [[row[i] for i in used] for row in rows])
+
+
+def prediction_table(name: str, measured: Mapping[str, Any]) -> str:
+    """Lay a prediction out as a Markdown table, task by task."""
+    rows = []
+    for row, verdict, note in judged(name, measured):
+        values = next(iter(row["errors"].values()), [])
+        label = (
+            f"{row['method']}, at the effort of {row['reference']}" if "reference" in row else row["method"]
+        )
+        shown = ", ".join(f"{v:.3f}" for v in values)
+        power = "" if row["method"] == SO else f"{row['power']:.0%}"
+        rows.append((label, power, shown, _number(row.get("effort", "")), f"**{verdict}**", note))
+    metric = next(iter(measured["rows"][0]["errors"]))
+    return markdown_table(("method", "power", f"{metric}, by task", "effort", "verdict", "note"), rows)
+
+
+def _number(value: object, form: str = "{:.3g}") -> str:
+    return form.format(value) if isinstance(value, int | float) and math.isfinite(value) else ""
+
+
+def _with_interval(cell: Mapping[str, object], metric: str, weight: float | None = None) -> str:
+    form = "{:.0f}" if "[N]" in metric else "{:.3f}"
+    value, apart, low, high = (cell[f"{metric}{what}"] for what in ("", ", minus SO", ", low", ", high"))
+    text = _number(value, form)
+    if not text:
+        return ""
+    if weight:
+        text += f", {value / weight:.2f}"  # type: ignore[operator]
+    signed = form.replace(":", ":+")
+    if apart != "":
+        around = "" if low == "" else f"; {signed.format(low)} to {signed.format(high)}"
+        text += f" ({signed.format(apart)}{around})"
+    return text
+
+
+def counts(result: Mapping[str, Any], *, nulls: bool = False) -> dict[str, int]:
+    """Count verdicts over sets with a measurement, of methods with stability rows or of null models."""
+    found: dict[str, int] = {}
+    for name, measured in result["sets"].items():
+        if measured["kind"] != "measured":
+            continue
+        for row, verdict, _ in judged(name, measured):
+            if row["method"] != SO and ("reference" in row) == nulls:
+                found[verdict] = found.get(verdict, 0) + 1
+    return found
+
+
+def paragraph(result: Mapping[str, Any]) -> str:
+    """Say in three sentences what README says."""
+    count = counts(result)
+    total = sum(count.values())
+    silent = ("no power", "too few units", "not solved")
+    without = [f"{count[word]} {word}" for word in silent if word in count]
+    heights = _predicted(result, "load height")
+    ramp = _predicted(result, "effort")
+    text = (
+        f"Scorecard of {result['date']} (`docs/scorecard.md`; its rules were written before its numbers): of "
+        f"{total} answers with stability rows on public data (lifting, walking, running, a knee implant; one "
+        f"person each) {count.get('better', 0)} are nearer to EMG or contact force than static optimization "
+        "and than rules of equal effort, "
+        f"{count.get('worse', 0)} further away, {count.get('no difference', 0)} no different"
+        f"{' (' + ', '.join(without) + ')' if without else ''}. "
+        f"Flexors rise with the height of a load in {heights} of them, on a spine that was fitted to that, "
+        f"and antagonists are no more active at low than at high effort, as measured, in {ramp}. "
+        "What would change this: several people holding loads at different heights with EMG of the obliques "
+        "as a fraction of MVC, or measured joint stiffness to fix q and the passive share."
+    )
+    return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
+
+
+def _predicted(result: Mapping[str, Any], kind: str) -> str:
+    found = [
+        verdict
+        for name, measured in result["sets"].items()
+        if measured["kind"] == kind
+        for row, verdict, _ in judged(name, measured)
+        if row["method"] != SO and "reference" not in row
+    ]
+    return f"{found.count('as measured')} of {len(found)}"
+
+
+def write_pages(result: Mapping[str, Any], folder: Path) -> None:
+    """Write docs/scorecard.md, docs/scorecard.csv and README's paragraph.
+
+    Parameters
+    ----------
+    result : mapping
+        A result file as read.
+    folder : Path
+        Of README.md and docs.
+    """
+    tables = []
+    for name, measured in result["sets"].items():
+        about = [f"{key}: {value:.4g}" for key, value in measured.items() if isinstance(value, int | float)]
+        lay_out = prediction_table if measured["kind"] in _PREDICTIONS else set_table
+        head = f"Unit: {measured['unit']}, n = {_units(measured)}" if _units(measured) else measured["kind"]
+        tables.append(f"### {name}\n\n{'; '.join([head, *about])}.\n\n{lay_out(name, measured)}")
+    count = [counts(result), counts(result, nulls=True)]
+    words = ("better", "worse", "no difference", "no power", "too few units", "not solved")
+    heads = ("", *words)
+    kinds = ("with stability rows", "null models at equal effort")
+    summary = markdown_table(
+        heads, [(kind, *(c.get(w, 0) for w in words)) for kind, c in zip(kinds, count, strict=True)]
+    )
+    text = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        date=result["date"],
+        facts=", ".join(f"{name} {value}" for name, value in result["facts"].items()),
+        conclusion=paragraph(result),
+        summary=summary,
+        tables="\n".join(tables),
+    )
+    _write(folder / "docs" / "scorecard.md", text)
+    everything = [line for name, measured in result["sets"].items() for line in lines(name, measured)]
+    write_table(folder / "docs" / "scorecard.csv", COLUMNS, everything)
+    readme = (folder / "README.md").read_text(encoding="utf-8")
+    _write(folder / "README.md", PARAGRAPH.sub(lambda _: paragraph(result), readme, count=1))
+
+
+def _units(measured: Mapping[str, Any]) -> int:
+    if measured["kind"] != "measured":
+        return 0
+    return max((len(values) for values in measured["rows"][0]["errors"].values()), default=0)
+
+
+def _write(path: Path, text: str) -> None:
+    with write_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
