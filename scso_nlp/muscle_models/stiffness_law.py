@@ -159,7 +159,8 @@ class FallingStiffness(StiffnessLaw):
     def stiffness(self, frame: Frame, motion: Motion) -> ca.SX:
         """Stiffness of every muscle, concave in force [N/m]."""
         force = frame.muscle.tendon_force
-        share = force / ca.DM(self.half_force * motion.muscles.max_isometric_force)
+        strength = frame.constant("max_isometric_force", motion.muscles.max_isometric_force)
+        share = force / (self.half_force * strength)
         return ProportionalStiffness(q=self.q).stiffness(frame, motion) / (1.0 + share)
 
 

@@ -151,11 +151,11 @@ class ActivationEffort(FrameObjective):
             return frame.variables["largest"]
         effort = ca.SX(0)
         if n_muscles:
-            effort += ca.dot(weights[:n_muscles], _power(frame.activation, self.exponent, exponent))
+            effort += ca.dot(weights[:n_muscles], power(frame.activation, self.exponent, exponent))
         if frame.control.numel():
             parts = frame.variables
             size = parts["pull"] + parts["push"] if self.exponent < 2 else frame.control
-            effort += ca.dot(weights[n_muscles:], _power(size, self.exponent, exponent))
+            effort += ca.dot(weights[n_muscles:], power(size, self.exponent, exponent))
         return effort
 
     def efforts(
@@ -208,7 +208,7 @@ class ActivationEffort(FrameObjective):
         return replace(self, exponent=max(2.0, self.exponent / 2))
 
 
-def _power(size: ca.SX, exponent: float, symbol: ca.DM | ca.SX) -> ca.SX:
+def power(size: ca.SX, exponent: float, symbol: ca.DM | ca.SX) -> ca.SX:
     """|size|^p; with the modulus its first and second derivatives are finite at 0 for p >= 2.
 
     A symbol that stands for the exponent adds what is zero for its number: derivatives by it are not zero.
@@ -216,7 +216,7 @@ def _power(size: ca.SX, exponent: float, symbol: ca.DM | ca.SX) -> ca.SX:
     if isinstance(symbol, ca.SX):
         at_zero = size == 0
         other = ca.fabs(ca.if_else(at_zero, 1.0, size))
-        return _power(size, exponent, ca.DM(exponent)) + (1 - at_zero) * (other**symbol - other**exponent)
+        return power(size, exponent, ca.DM(exponent)) + (1 - at_zero) * (other**symbol - other**exponent)
     if exponent == 1:
         return size
     if exponent == 2:

@@ -13,7 +13,7 @@ from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.motion import Motion
-from scso_nlp.objectives.activation_effort import LARGEST_EXPONENT
+from scso_nlp.objectives.activation_effort import LARGEST_EXPONENT, power
 from scso_nlp.objectives.objective import FrameObjective
 from scso_nlp.validation import FloatArray, by_name
 
@@ -89,4 +89,4 @@ class ShiftedEffort(FrameObjective):
     def value(self, frame: Frame) -> ca.SX:
         """Effort of one frame."""
         away = ca.vertcat(frame.activation - frame.data["shift"], frame.control)
-        return ca.sumsqr(away) if self.exponent == 2 else ca.sum1(ca.fabs(away) ** self.exponent)
+        return ca.sum1(power(away, self.exponent, frame.constant("exponent", [self.exponent])))

@@ -120,7 +120,7 @@ def names_of(problem: MuscleForceProblem, quantity: str) -> tuple[str, ...]:
     if quantity == "weights":
         return trajectory.muscles + trajectory.actuators
     if quantity in ("weight", "exponent"):
-        return tuple(term.name for term in problem.objectives)
+        return tuple(term.name for term in problem.objectives if hasattr(term, quantity))
     if quantity == "price":
         return tuple(term.name for term in stability if term.soft is not None)
     return trajectory.muscles
@@ -280,6 +280,9 @@ class _Collected:
         keys = [key for key in self.program.arrays if key[1] == name and self._is_meant(parameter, key[0])]
         if name == "exponent":
             keys = [key for key in keys if chosen.get(key[0])]
+            without = [term for term, meant in chosen.items() if meant and (term, name) not in keys]
+            if without and not parameter.term:
+                raise ProblemError(f"the exponent of {without[0]} cannot be differentiated by")
             for key in keys:
                 if not np.isfinite(self.program.arrays[key]).all():
                     raise ProblemError(f"the exponent of {key[0]} is infinite, which cannot change a little")

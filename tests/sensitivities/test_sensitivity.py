@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import elbow, motion, muscle_parameters, random_problem, two_antagonists
-from sensitivities.differences import problem_of
+from sensitivities.differences import changed, optimum, problem_of
 
 import scso_nlp as scso
 from scso_nlp import Regularity
@@ -167,3 +167,31 @@ def test_what_a_muscle_model_takes_as_numbers_is_refused(rng):
         scso.sensitivity(scso.solve_trajectory(heavy), ["max_isometric_force"])
     with pytest.raises(DataError, match="activation has shape"):
         scso.adjoint_sensitivity(solution, ["q"], activation=np.ones((1, 2)))
+
+
+@pytest.mark.parametrize("quantity", ["max_isometric_force", "q", "exponent"])
+def test_laws_and_costs_with_constants_of_their_own_are_seen(rng, quantity):
+    """A gain that falls with the share of F0, and a shifted effort of exponent 3."""
+    law = scso.FallingStiffness(q=5.0)
+
+    def problem_with(amount):
+        q = {"*": 5.0, "m4": 5.0 + amount * (quantity == "q")}
+        exponent = 3.0 + amount * (quantity == "exponent")
+        effort = scso.ShiftedEffort(shift=0.1, exponent=exponent)
+        stability = scso.JointStability(
+            stiffness=dataclasses.replace(law, q=q), level=1e3, soft=1e-4, joints=("elbow",)
+        )
+        constraints = (scso.MomentEquilibrium(), stability)
+        problem = dataclasses.replace(start, objectives=(effort,), constraints=constraints)
+        if quantity != "max_isometric_force":
+            return problem
+        return changed(problem, scso.Parameter(quantity=quantity, of="m4"), 100 * amount)
+
+    start = random_problem(rng, reserve=5.0, stability=False)
+    of = "" if quantity == "exponent" else "[m4]"
+    change = scso.sensitivity(scso.solve_trajectory(problem_with(0.0)), [f"{quantity}{of}"])
+    assert change.is_regular.all()
+    below, above = (optimum(problem_with(h)).values["tendon_force"] for h in (-1e-4, 1e-4))
+    slope = (above - below) / (2e-2 if quantity == "max_isometric_force" else 2e-4)
+    assert np.abs(slope).max() > 0
+    np.testing.assert_allclose(change.tendon_force[:, 0], slope, atol=1e-6 * np.abs(slope).max())
