@@ -9,12 +9,16 @@ from typing import Annotated, Any
 
 import typer
 
+from scso_nlp.cli.console import Console
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Verbose, with_settings
+from scso_nlp.messages import kept_warnings
 from scso_nlp.signals import undisturbed
 
 #: Columns of the table of a dry run where there is no terminal.
 WIDTH = 160
+#: As many warnings about setups are told.
+MOST_WARNINGS = 5
 #: Settings that the study decides, or that no trials can share.
 NOT_FOR_STUDIES = ("setup", "output", "overwrite", "processes", "cache")
 
@@ -58,7 +62,7 @@ def batch(
     results are written beside them; scso report draws figures and a page. Exit code 0: all done; 1: some
     failed or have bad input, the rest is done; 2: no study at all.
     """
-    with exit_codes(verbose):
+    with exit_codes(verbose) as console:
         with undisturbed():
             from scso_nlp.exceptions import ProblemError
             from scso_nlp.studies.grid import alternatives
@@ -76,7 +80,9 @@ def batch(
         }
         grid = {name: several for name, several in values.items() if len(several) > 1}
         settings = {name: several[0] for name, several in values.items() if len(several) == 1}
-        found = plan(paths[0] if len(paths) == 1 else paths, grid=grid or None, **settings)
+        with kept_warnings() as warnings, console.held_back():
+            found = plan(paths[0] if len(paths) == 1 else paths, grid=grid or None, **settings)
+        _tell_warnings(console, list(warnings))
         if dry_run:
             _tell_plan(found)
             return
@@ -91,6 +97,13 @@ def batch(
         typer.echo(f"  its tables are there; scso report {result.folder} draws figures and writes a page")
         if not result.is_done:
             raise typer.Exit(FRAME_FAILED)
+
+
+def _tell_warnings(console: Console, warnings: list[str]) -> None:
+    """Tell what reading the setups of many trials warns of, as far as anybody would read it."""
+    console.tell(warnings[:MOST_WARNINGS])
+    if (more := len(warnings) - MOST_WARNINGS) > 0:
+        console.tell([f"{more} more warnings; scso run tells those of one trial"])
 
 
 def _tell_plan(found: Any) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from scso_nlp.exceptions import DataError, EngineError
 from scso_nlp.opensim.workers import number_of_cores
 from scso_nlp.signals import undisturbed
+from scso_nlp.versions import version_of, versions
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 MEMORY = 2 * 10**9
 #: Libraries read their number of threads from these before they start.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+#: What a worker does before its memory is full, which is for those who keep results in it.
+MEMORY_FEATURES = tuple(f"DASK_DISTRIBUTED__WORKER__MEMORY__{name}" for name in ("TARGET", "SPILL", "PAUSE"))
 #: What workers of a cluster made here run first: a terminal interrupts them too, and this process ends them.
 CTRL_C_IS_NOT_FOR_WORKERS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 #: How long a scheduler may take to answer [s].
@@ -76,22 +79,45 @@ def _started(made: contextlib.ExitStack, scheduler: str | None, workers: int | N
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
-            return made.enter_context(Client(scheduler, timeout=PATIENCE, set_as_default=False))
+            client = made.enter_context(Client(scheduler, timeout=PATIENCE, set_as_default=False))
         except (OSError, ValueError) as error:
             raise EngineError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    cluster = LocalCluster(
-        n_workers=workers or default_workers(),
-        threads_per_worker=1,
-        processes=True,
-        memory_limit=None,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
-        env={**dict.fromkeys(THREADS, "1"), "MPLBACKEND": "agg"},
-        silence_logs=logging.CRITICAL,
-        preload=[CTRL_C_IS_NOT_FOR_WORKERS],
-    )
+        _refuse_other_versions(client, scheduler)
+        return client
+    try:
+        cluster = LocalCluster(
+            n_workers=workers or default_workers(),
+            threads_per_worker=1,
+            processes=True,
+            memory_limit="auto",  # an equal share; a worker that takes nearly all of it is started anew
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
+            env={
+                **dict.fromkeys(THREADS, "1"),
+                **dict.fromkeys(MEMORY_FEATURES, "False"),
+                "MPLBACKEND": "agg",
+            },
+            silence_logs=logging.CRITICAL,
+            preload=[CTRL_C_IS_NOT_FOR_WORKERS],
+        )
+    except (RuntimeError, OSError, ValueError) as error:
+        raise EngineError(f"Dask cannot start workers on this machine: {error}") from None
     made.enter_context(cluster)
     return made.enter_context(Client(cluster, set_as_default=False))
+
+
+def _refuse_other_versions(client: Client, scheduler: str) -> None:
+    """Raise if workers that are there have another version of this package, or none."""
+    own = versions()["scso_nlp"]
+    try:
+        found = set(client.run(version_of, "scso_nlp").values())
+    except Exception as error:
+        raise EngineError(f"the workers of {scheduler} cannot run scso_nlp: {error}") from None
+    if others := sorted(str(version) for version in found - {own}):
+        raise EngineError(
+            f"workers of {scheduler} have scso_nlp {', '.join(others)}, expected {own} as here: give them "
+            "the same environment"
+        )
 
 
 def default_workers() -> int:

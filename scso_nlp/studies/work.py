@@ -6,6 +6,7 @@ machine with the same file system. Nothing is raised for a trial that cannot be 
 
 from __future__ import annotations
 
+import gc
 import logging
 import threading
 import time
@@ -147,6 +148,8 @@ def _ready() -> Iterator[None]:
             yield
         finally:
             LOGGER.removeHandler(silent)
+            # few objects of Python own much memory of CasADi: Python would wait long to look for cycles
+            gc.collect()
 
 
 def _identity(result: RunResult) -> str:

@@ -194,6 +194,14 @@ def test_a_cluster_that_is_none_is_said(three, tmp_path, options, kind, words):
         run(plan(three), output=tmp_path / "study", **options)
 
 
+def test_workers_with_another_version_are_refused(three, cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr("scso_nlp.studies.cluster.versions", lambda: {"scso_nlp": "9.9"})
+    with pytest.raises(
+        scso.EngineError, match=r"have scso_nlp .*, expected 9\.9 as here: give them the same"
+    ):
+        run(plan(three), output=tmp_path / "study", scheduler=cluster)
+
+
 @pytest.mark.slow
 def test_a_cluster_of_others_gives_the_same_bit_for_bit(study, three, tmp_path):
     with Cluster(tmp_path / "cluster") as cluster:
