@@ -202,6 +202,7 @@ def run(the_set: Set, say: Callable[[str], object] = lambda _: None) -> tuple[li
     parts = the_set.parts()
     plain = [scso.solve_trajectory(part.plain, on_failure="return") for part in parts]
     rows = [row_of(the_set, SO, list(zip(parts, plain, strict=True)), 1.0)]
+    asked: list[tuple[str, float, list[tuple[Part, scso.Solution, scso.Solution]]]] = []
     for method, term in the_set.methods.items():
         began = time.perf_counter()
         pairs = []
@@ -212,10 +213,13 @@ def run(the_set: Set, say: Callable[[str], object] = lambda _: None) -> tuple[li
         rows.append(row_of(the_set, method, [(part, found) for part, _, found in pairs], power))
         rows[-1]["seconds"] = round(time.perf_counter() - began, 1)
         say(f"{the_set.name}, {method}: power {power:.2f}, {rows[-1]['seconds']} s")
-        is_asked = method == the_set.reference and power >= rules.LEAST_POWER
-        if is_asked or rules.verdict(entry(rows[-1]), entry(rows[0]))[0] == "better":
-            rows.extend(null_rows(the_set, method, pairs, power))
-            say(f"{the_set.name}, nulls of {method}: {time.perf_counter() - began:.0f} s")
+        is_reference = method == the_set.reference and power >= rules.LEAST_POWER
+        if is_reference or rules.verdict(entry(rows[-1]), entry(rows[0]))[0] == "better":
+            asked.append((method, power, pairs))
+    for method, power, pairs in asked:
+        for row in null_rows(the_set, method, pairs, power):
+            rows.append(row)
+            say(f"{the_set.name}, {row['method']} at the effort of {method}")
     facts = {"unit": the_set.unit, "kind": the_set.kind}
     for part in parts:
         facts.update(part.facts)  # type: ignore[arg-type]

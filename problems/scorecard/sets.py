@@ -23,7 +23,6 @@ from scso_nlp import (
     JointStability,
     MuscleForceProblem,
     NoPhysiology,
-    ShortRangeStiffness,
     Solution,
     static_optimization,
 )
@@ -176,9 +175,7 @@ def _laws(axes: JointStability) -> dict[str, StabilityConstraint]:
     }
 
 
-def _leg(
-    joints: Sequence[str], coordinates: Sequence[str], *, fibers: bool = False
-) -> dict[str, StabilityConstraint]:
+def _leg(joints: Sequence[str], coordinates: Sequence[str]) -> dict[str, StabilityConstraint]:
     axes = JointStability(q=5.0, joints=joints, axes=("z",), soft=SOFT)
     along = CoordinateStability(q=5.0, coordinates=coordinates, soft=SOFT)
     whole = HessianStability(q=5.0, coordinates=coordinates, soft=SOFT)
@@ -188,7 +185,6 @@ def _leg(
         ON_LEGS: replace(along, q=40.0),
         "whole Hessian, q = 5": whole,
         "whole Hessian, q = 40": replace(whole, q=40.0),
-        **({"axes, short-range": replace(axes, q=None, stiffness=ShortRangeStiffness())} if fibers else {}),
     }
 
 
@@ -214,7 +210,6 @@ def _lifts() -> dict[str, StabilityConstraint]:
     return {
         **_laws(axes),
         "coordinates, q = 5": CoordinateStability(q=5.0, coordinates=back_lifting.COORDINATES, soft=SOFT),
-        "whole Hessian, q = 5": whole,
         **{
             f"axes, q = 5, passive × {factor:g}": replace(axes, passive_stiffness=rows, passive_factor=factor)
             for factor in (1.0, 0.5, 0.25)
@@ -225,11 +220,12 @@ def _lifts() -> dict[str, StabilityConstraint]:
             )
             for factor in (1.0, 0.25)
         },
+        "whole Hessian, q = 5": whole,
     }
 
 
 def _lift(trial: str) -> list[Part]:
-    problem = back_lifting.make_problem(trial, step_interval=3, with_curvature=True)
+    problem = back_lifting.make_problem(trial, step_interval=6, with_curvature=True)
     motion = problem.motion.trajectory
     moment = motion.generalized_forces[:, motion.coordinates.index(BACK)]
     emg_map = read_emg_map(back_lifting.EMG_MAP)
@@ -365,7 +361,6 @@ def _nothing(example: str) -> list[Part]:
 
 _WALK3D = _leg(walking_3d.JOINTS, treadmill.COORDINATES)
 _TREADMILL = _leg(("knee_r", "ankle_r"), treadmill.COORDINATES)
-_SHORT_RANGE = _leg(("knee_r", "ankle_r"), treadmill.COORDINATES, fibers=True)
 _IMPLANT = _leg((knee_implant.KNEE, "ankle_l"), knee_implant.COORDINATES)
 
 SETS = (
@@ -376,7 +371,7 @@ SETS = (
     _measured("lift_5kg", "bend", partial(_lift, "stoop5kg"), _lifts(), back_lifting.COORDINATES),
     _measured("lift_15kg", "bend", partial(_lift, "stoop15kg"), _lifts(), back_lifting.COORDINATES),
     _measured("walking_3d", "stride", partial(_stride, _WALK3D), _WALK3D, treadmill.COORDINATES),
-    _measured("treadmill_walk", "stride", partial(_strides, "walk36", _SHORT_RANGE), _SHORT_RANGE,
+    _measured("treadmill_walk", "stride", partial(_strides, "walk36", _TREADMILL), _TREADMILL,
               treadmill.COORDINATES),
     _measured("treadmill_run", "stride", partial(_strides, "run81", _TREADMILL), _TREADMILL,
               treadmill.COORDINATES),
