@@ -170,7 +170,9 @@ def plot_moments(
     if "reserves" in values:
         shares = dict(zip(balance.coordinates, map(_percent, balance.actuator_share), strict=True))
         panels = tuple(
-            replace(panel, note=f"reserves, RMS: {', '.join(shares[name] for name in panel.members.values())}")
+            replace(
+                panel, note=f"reserves, RMS: {', '.join(shares[name] for name in panel.members.values())}"
+            )
             for panel in panels
         )
     return plot_quantity(

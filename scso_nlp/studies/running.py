@@ -258,12 +258,15 @@ def _ends(jobs: list[_Job], scheduler: str | None, workers: int | None) -> Itera
         ends = as_completed(tasks, loop=client.loop)
         # what has ended is let go, here and on the cluster
         for future in ends:
-            task = tasks.pop(future)
+            task, _ = tasks.pop(future)
             yield task, _outcome(future, task)
 
 
-def _submitted(client: Client, jobs: list[_Job]) -> dict[Future, Task]:
-    """Hand tasks to a cluster: an extraction before those that share it."""
+def _submitted(client: Client, jobs: list[_Job]) -> dict[Future, tuple[Task, Future | None]]:
+    """Hand tasks to a cluster: an extraction before those that share it, and kept until they have ended.
+
+    A scheduler may hear that nobody wants an extraction any more before it hears of all that build on it.
+    """
     call = uuid.uuid4().hex  # a call that was killed may have left others of these names
     sharing = Counter((job.task.folder.parent, job.motion) for job in jobs)
     extractions: dict[tuple[Path, MotionInput | None], Future] = {}
@@ -272,8 +275,9 @@ def _submitted(client: Client, jobs: list[_Job]) -> dict[Future, Task]:
         shared, name = (job.task.folder.parent, job.motion), f"{job.task.trial.folder}-{call}"
         if sharing[shared] > 1 and shared not in extractions:
             extractions[shared] = client.submit(extract_motion, job.task, key=f"extract-{name}")
-        future = client.submit(solve_trial, job.task, extractions.get(shared), key=f"solve-{name}")
-        tasks[future] = job.task
+        extraction = extractions.get(shared)
+        future = client.submit(solve_trial, job.task, extraction, key=f"solve-{name}")
+        tasks[future] = job.task, extraction
     return tasks
 
 
@@ -286,7 +290,8 @@ def _outcome(future: Future, task: Task) -> Outcome:
         return outcome
     except CancelledError:
         raise EngineError(
-            "the Dask scheduler is gone; what was done stays, the same command goes on with the rest"
+            "the Dask scheduler is gone, or somebody cancelled the study there; what was done stays, and the "
+            "same command goes on with the rest"
         ) from None
     except KilledWorker:
         return _kept(
