@@ -62,9 +62,10 @@ class Cluster:
         self.workers = []
         try:
             until = time.monotonic() + 60
-            while not told.exists() and time.monotonic() < until:
+            # the file is there before what it says
+            while not (text := told.read_text() if told.exists() else "") and time.monotonic() < until:
                 time.sleep(0.1)
-            self.address = json.loads(told.read_text())["address"]
+            self.address = json.loads(text)["address"]
             for _ in range(self.number):
                 self.workers.append(
                     self._start(
