@@ -14,7 +14,8 @@ import numpy as np
 
 from problems.outputs import markdown_table, write_table
 from problems.scorecard import rules
-from problems.scorecard.running import SO, Row, entry
+from problems.scorecard.running import NULLS, SO, Row, entry
+from problems.scorecard.sets import SETS
 from scso_nlp.files import write_whole
 
 #: README's paragraph, up to the next empty line.
@@ -29,7 +30,11 @@ COLUMNS = (
 _METRICS = ("agonists", "antagonists", "contact force")
 _WIDTH = 120
 _TEMPLATE = Path(__file__).with_name("page.md")
-_PREDICTIONS = ("load height", "effort")
+#: Sets without a measurement of the very motion, and what they are about.
+_PREDICTIONS = {
+    "load height": "Tasks: 4.5 kg at 0, 0.2, 0.4, 0.6 and 0.8 m, then 9 kg; equal net moments each",
+    "effort": "Tasks: 0.5, 1, 2, 3 and 4 times the moment",
+}
 _OWN = "axes, q = 5"
 
 
@@ -58,11 +63,9 @@ def judged(name: str, measured: Mapping[str, Any]) -> Iterator[tuple[Row, str, s
         elif row is plain:
             yield row, "", ""
         else:
-            nulls = {
-                r["method"]: entry(r)
-                for r in rows
-                if r.get("reference") == row["method"] and r["solved"] >= rules.LEAST_SOLVED
-            }
+            beside = [r for r in rows if r.get("reference") == row["method"]]
+            usable = [r for r in beside if r["solved"] >= rules.LEAST_SOLVED]
+            nulls = {r["method"]: entry(r) for r in usable if {r["method"] for r in beside} == set(NULLS)}
             is_null = "reference" in row
             verdict, note = rules.verdict(entry(row), entry(plain), None if is_null else nulls)
             yield row, verdict, "; ".join(filter(None, (note, given)))
@@ -91,7 +94,7 @@ def lines(name: str, measured: Mapping[str, Any]) -> list[list[object]]:
         cells: list[object] = [
             name, measured["kind"], measured["unit"], row["method"], row.get("reference", ""),
             "" if row is plain else row["power"], row["solved"],
-            max((len(v) for v in row["errors"].values()), default=0),
+            max((int(np.isfinite(v).sum()) for v in row["errors"].values()), default=0),
         ]  # fmt: skip
         for metric in _METRICS:
             values = row["errors"].get(metric)
@@ -162,6 +165,18 @@ def _with_interval(cell: Mapping[str, object], metric: str, weight: float | None
     return text
 
 
+def not_run(name: str, measured: Mapping[str, Any]) -> list[str]:
+    """List what PROTOCOL.md asks of a set and what was not run."""
+    the_set = next(s for s in SETS if s.name == name)
+    rows: Sequence[Row] = measured["rows"]
+    done = {row["method"]: row for row in rows if "reference" not in row}
+    beside = {row["method"] for row in rows if row.get("reference") == the_set.reference}
+    reference = done.get(the_set.reference)
+    has_power = reference is not None and reference["power"] >= rules.LEAST_POWER
+    left = [f"{null} at the effort of {the_set.reference}" for null in NULLS if null not in beside]
+    return [method for method in the_set.methods if method not in done] + (left if has_power else [])
+
+
 def counts(result: Mapping[str, Any], *, nulls: bool = False) -> dict[str, int]:
     """Count verdicts over sets with a measurement, of methods with stability rows or of null models."""
     found: dict[str, int] = {}
@@ -178,21 +193,18 @@ def paragraph(result: Mapping[str, Any]) -> str:
     """Say in three sentences what README says."""
     count = counts(result)
     total = sum(count.values())
-    silent = ("no power", "too few units", "not solved")
+    silent = ("no power", "too few units", "not solved", "undecided")
     without = [f"{count[word]} {word}" for word in silent if word in count]
     heights = _predicted(result, "load height")
     ramp = _predicted(result, "effort")
     text = (
-        f"Scorecard of {result['date']} (`docs/scorecard.md`; its rules were written before its numbers): of "
-        f"{total} answers with stability rows on public data (lifting, walking, running, a knee implant; one "
-        f"person each) {count.get('better', 0)} are nearer to EMG or contact force than static optimization "
-        "and than rules of equal effort, "
-        f"{count.get('worse', 0)} further away, {count.get('no difference', 0)} no different"
-        f"{' (' + ', '.join(without) + ')' if without else ''}. "
-        f"Flexors rise with the height of a load in {heights} of them, on a spine that was fitted to that, "
-        f"and antagonists are no more active at low than at high effort, as measured, in {ramp}. "
-        "What would change this: several people holding loads at different heights with EMG of the obliques "
-        "as a fraction of MVC, or measured joint stiffness to fix q and the passive share."
+        f"Scorecard (`docs/scorecard.md`, {result['date']}, rules written first): of {total} answers with "
+        "stability rows for public lifting, walking, running and a knee implant, one person each, "
+        f"{count.get('better', 0)} are nearer to EMG or contact force than static optimization and rules of "
+        f"equal effort, {count.get('worse', 0)} further, {count.get('no difference', 0)} no different"
+        f"{', ' + ', '.join(without) if without else ''}. Flexors rise with load height in {heights} (fitted "
+        f"to that), antagonists are not more active at low effort, as measured, in {ramp}. Loads at several "
+        "heights with oblique EMG over MVC of several people, or measured joint stiffness, may change it."
     )
     return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
 
@@ -222,10 +234,13 @@ def write_pages(result: Mapping[str, Any], folder: Path) -> None:
     for name, measured in result["sets"].items():
         about = [f"{key}: {value:.4g}" for key, value in measured.items() if isinstance(value, int | float)]
         lay_out = prediction_table if measured["kind"] in _PREDICTIONS else set_table
-        head = f"Unit: {measured['unit']}, n = {_units(measured)}" if _units(measured) else measured["kind"]
+        unit = f"Unit: {measured['unit']}, n = {_units(measured)}"
+        head = unit if _units(measured) else _PREDICTIONS.get(measured["kind"], "Nothing measured")
+        left = ", ".join(not_run(name, measured))
+        about += [f"not run: {left}"] if left else []
         tables.append(f"### {name}\n\n{'; '.join([head, *about])}.\n\n{lay_out(name, measured)}")
     count = [counts(result), counts(result, nulls=True)]
-    words = ("better", "worse", "no difference", "no power", "too few units", "not solved")
+    words = ("better", "worse", "no difference", "no power", "too few units", "not solved", "undecided")
     heads = ("", *words)
     kinds = ("with stability rows", "null models at equal effort")
     summary = markdown_table(
@@ -248,7 +263,7 @@ def write_pages(result: Mapping[str, Any], folder: Path) -> None:
 def _units(measured: Mapping[str, Any]) -> int:
     if measured["kind"] != "measured":
         return 0
-    return max((len(values) for values in measured["rows"][0]["errors"].values()), default=0)
+    return max((int(np.isfinite(v).sum()) for v in measured["rows"][0]["errors"].values()), default=0)
 
 
 def _write(path: Path, text: str) -> None:

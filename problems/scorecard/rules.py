@@ -165,7 +165,8 @@ def verdict(entry: Entry, plain: Entry, nulls: Mapping[str, Entry] | None = None
     entry, plain : Entry
         Of the method and of static optimization.
     nulls : mapping of str to Entry, optional
-        Rules without stability at the method's effort; None for a method that is such a rule itself.
+        Rules without stability at the method's effort, none where they were not all run; None for a method
+        that is such a rule itself.
 
     Returns
     -------
@@ -190,6 +191,8 @@ def verdict(entry: Entry, plain: Entry, nulls: Mapping[str, Entry] | None = None
         return "no difference", ""
     if entry.reserves > max(MOST_RESERVES, plain.reserves):
         return "no difference", "better than SO, with reserves"
+    if nulls is not None and not nulls:
+        return "undecided", "better than SO, null models not run"
     unbeaten = [
         name
         for name, null in (nulls or {}).items()

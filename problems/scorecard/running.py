@@ -21,6 +21,8 @@ from scso_nlp.validation import FloatArray
 Row = dict[str, Any]
 #: How plain static optimization is called.
 SO = "SO"
+#: Rules that know nothing of stability.
+NULLS = ("activation floor", "shifted effort", "antagonist ratio", "random patterns")
 #: Random patterns of each frame.
 N_PATTERNS = 10
 #: Rules without stability, and the largest strength that is tried.
@@ -100,7 +102,7 @@ def random_rows(
     rows = [
         row_of(
             the_set,
-            "random patterns",
+            NULLS[-1],
             [(pair[0], found[0][i]) for pair, found in zip(pairs, drawn, strict=True)],
             power,
         )

@@ -94,6 +94,7 @@ def test_the_interval_is_students_over_units():
         (entry(antagonists=[0.1, 0.1, math.nan, math.nan]), {}, "too few units", "n = 2"),
         (moved(-0.2), {"floor": moved(-0.1)}, "better", "antagonists"),
         (moved(-0.2), None, "better", "antagonists"),
+        (moved(-0.2), {}, "undecided", "better than SO, null models not run"),
         (moved(-0.2), {"floor": moved(-0.1), "shift": moved(-0.2)},
          "no difference", "better than SO, not than shift"),
         (moved(-0.2, reserves=0.11), {}, "no difference", "better than SO, with reserves"),
@@ -111,7 +112,7 @@ def test_verdicts_follow_the_protocol(found, nulls, word, note):
 
 def test_reserves_may_be_as_large_as_those_of_static_optimization():
     plain = replace(SO, reserves=0.4)
-    assert verdict(moved(-0.2, reserves=0.4), plain, {})[0] == "better"
+    assert verdict(moved(-0.2, reserves=0.4), plain)[0] == "better"
 
 
 def test_predictions_change_by_more_than_rounding():
