@@ -197,14 +197,22 @@ def paragraph(result: Mapping[str, Any]) -> str:
     without = [f"{count[word]} {word}" for word in silent if word in count]
     heights = _predicted(result, "load height")
     ramp = _predicted(result, "effort")
+    better = [
+        f"{name}, {row['method']}: rows missed in {row['missed']:.0%} of frames"
+        for name, measured in result["sets"].items()
+        for row, verdict, _ in judged(name, measured)
+        if verdict == "better" and "reference" not in row
+    ]
+    beside = f" ({'; '.join(better)})" if better else ""
     text = (
         f"Scorecard (`docs/scorecard.md`, {result['date']}, rules written first): of {total} answers with "
-        "stability rows for public lifting, walking, running and a knee implant, one person each, "
-        f"{count.get('better', 0)} are nearer to EMG or contact force than static optimization and rules of "
-        f"equal effort, {count.get('worse', 0)} further, {count.get('no difference', 0)} no different"
-        f"{', ' + ', '.join(without) if without else ''}. Flexors rise with load height in {heights} (fitted "
-        f"to that), antagonists are not more active at low effort, as measured, in {ramp}. Loads at several "
-        "heights with oblique EMG over MVC of several people, or measured joint stiffness, may change it."
+        "stability rows (lifting, walking, running, a knee implant; one person each) nearer to EMG or "
+        "contact force than static optimization and rules of equal effort: "
+        f"{len(better)}{beside}; further: {count.get('worse', 0)}; no different: "
+        f"{count.get('no difference', 0)}; {', '.join(without)}. "
+        f"Flexors rise with load height in {heights} (fitted to that), antagonists are not more active at "
+        f"low effort, as measured, in {ramp}. Load heights with oblique EMG, several people or measured "
+        "joint stiffness may change it."
     )
     return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
 
