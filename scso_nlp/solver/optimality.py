@@ -102,7 +102,12 @@ def _grade(
     at_rest = np.nan_to_num(_objective_gradient(part, rest, unit))
     # what an equation determines is no choice: its size says nothing of those there are
     is_free = ~part.affine[0].determined(program.rows, unknowns.shape[1])
-    rise = np.where(is_free, np.maximum(np.abs(gradient), np.abs(gradient - at_rest)), 0.0)
+    every = np.maximum(np.abs(gradient), np.abs(gradient - at_rest))
+    rise = np.where(is_free, every, 0.0)
+    # where there is no choice that costs anything, what is determined is all there is to compare with
+    nothing = (rise == 0).all(axis=1)
+    nothing &= nothing.all() or not program.is_coupled
+    rise[nothing] = every[nothing]
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
     missed = np.zeros(len(unknowns))
     for is_pair, table in enumerate((program.rows, program.pair_rows)):

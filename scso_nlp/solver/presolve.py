@@ -329,7 +329,8 @@ class Block:
         """Follow the steps as far as the objective falls; frames whose step promises nothing have arrived."""
         here = self.objective.values(self.unknowns, self.arrays)
         promise = -(gradient * step).sum(axis=1)
-        least = _LEAST_PROMISE * np.abs(np.where(self.is_free, gradient * self.unknowns, 0.0)).sum(axis=1)
+        free = np.abs(np.where(self.is_free, gradient * self.unknowns, 0.0)).sum(axis=1)
+        least = _LEAST_PROMISE * np.where(free > 0, free, np.abs(here))
         noise = _NOISE * np.abs(here)
         length = np.where(going, 1.0, 0.0)
         for _ in range(_MOST_HALVINGS):

@@ -494,9 +494,9 @@ def _objective_size(
 ) -> FloatArray:
     """Sum of |x df/dx|, the largest of all points, shape (n_frames,); 1 where it is zero.
 
-    Unknowns that an equation determines do not count: the size is of what there is to choose.
+    Unknowns that an equation determines do not count where others do: the size is of what there is to choose.
     """
-    size = np.zeros(len(unknowns))
+    size, total = np.zeros((2, len(unknowns)))
     is_free = ~program.split.affine.determined(program.rows, program.layout.size)
     for _, piece in program.objectives:
         slope = piece.slope()
@@ -504,6 +504,9 @@ def _objective_size(
             slopes = np.abs(evaluate(piece, slope, point, program.arrays)[0])
             for side, part in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
                 frames = slice(side, side + len(part))
-                value = np.where(is_free[frames], part * np.abs(point[frames]), 0.0).sum(axis=1)
-                size[frames] = np.maximum(size[frames], np.where(np.isfinite(value), value, 0.0))
+                cost = part * np.abs(point[frames])
+                for found, each in ((size, np.where(is_free[frames], cost, 0.0)), (total, cost)):
+                    value = each.sum(axis=1)
+                    found[frames] = np.maximum(found[frames], np.where(np.isfinite(value), value, 0.0))
+    size = np.where(size > np.finfo(float).tiny, size, total)
     return np.where(size > np.finfo(float).tiny, size, 1.0)

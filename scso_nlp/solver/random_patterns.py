@@ -46,7 +46,7 @@ def random_patterns(solution: Solution, frame: int, number: int, *, seed: int = 
     ------
     ProblemError
         A problem with rows that are not affine or unknowns besides activations and controls, a frame that is
-        not solved, or one whose pattern is the only one.
+        not there, not solved, or whose pattern is the only one; a number below 1, a negative seed.
 
     Notes
     -----
@@ -64,7 +64,12 @@ def random_patterns(solution: Solution, frame: int, number: int, *, seed: int = 
     >>> bool((patterns**2).sum(axis=1).min() > (solution.activation[1] ** 2).sum() - 1e-9)
     True
     """
-    k = range(solution.problem.motion.n_frames)[frame]
+    n_frames = solution.problem.motion.n_frames
+    if not 0 <= frame < n_frames:
+        raise ProblemError(f"frame is {frame}, expected a number from 0 to {n_frames - 1}")
+    if number < 1 or seed < 0:
+        raise ProblemError(f"number is {number} and seed {seed}, expected at least 1 and at least 0")
+    k = int(frame)
     if not solution.is_solved[k]:
         raise ProblemError(f"frame {k} is not solved, so that no pattern is known to balance it")
     directions, start, sides, limits = _set_of(solution, k)

@@ -82,6 +82,11 @@ def examples(tmp_path_factory):
     }  # fmt: skip
     state = scso.MuscleState(tendon_force=ca.SX(1), passive_force=ca.SX(0))
     failed = scso.solve_framewise(elbow([600.0]), on_failure="return")
+    light = scso.solve_framewise(elbow([40.0, 50.0]))
+    activity = scso.MuscleActivity(groups=("a",), muscles=(("m*",),), time=[-1.0, 9.0], values=[[0.1]] * 2)
+    change = scso.sensitivity(light, ["max_isometric_force"])
+    spread = scso.bands(change, ranges=np.ones(len(change.parameters)))
+    raised = scso.at_effort(light.problem, 2.0 * light.objective, _floor, tolerance=0.5)
     data = [
         motion, motion.trajectory, motion.trajectory.skeleton, motion.muscles, motion.actuators, curvature,
         stable, solution, solution[motion.muscles.muscles[0]], solution.report, solution.optimality,
@@ -90,6 +95,9 @@ def examples(tmp_path_factory):
         scso.row_contributions(solution), scso.reachable_stability(two_antagonists(5.0))[0],
         scso.build_program(stable), failed.infeasibility[0], scso.SolverOptions(),
         scso.LumbarJoint(levels=1, rows={"a": "axial"}),
+        activity, scso.EmgTracking(activity=activity), scso.EmgBounds(activity=activity), raised, change,
+        spread, scso.ranges(light), scso.Parameter(quantity="q"),
+        scso.adjoint_sensitivity(light, ["max_isometric_force"]),
         scso.ActivationEffort(), scso.FunctionObjective(function=lambda f: f.activation[0]), state,
         scso.MomentEquilibrium(), scso.JointStability(), scso.CoordinateStability(), scso.HessianStability(),
         scso.ActivationRate(), scso.ActivationDynamics(), scso.NoPhysiology(), scso.RigidTendon(),
@@ -123,6 +131,14 @@ def examples(tmp_path_factory):
         "feasible_q": {"problem": two_antagonists(5.0)},
         "reachable_stability": {"problem": two_antagonists(5.0)},
         "equivalent_q": {"solution": solution},
+        "sensitivity": {"solution": light, "parameters": ["max_isometric_force"]},
+        "adjoint_sensitivity": {"solution": light, "parameters": ["max_isometric_force"]},
+        "bands": {"change": change, "ranges": np.ones(len(change.parameters))},
+        "write_bands": {"bands": spread, "folder": folder / "bands"},
+        "plot_uncertainty": {"bands": spread},
+        "ranges": {"solution": light},
+        "at_effort": {"problem": light.problem, "effort": 2.0 * light.objective, "alternative": _floor},
+        "random_patterns": {"solution": light, "frame": 0, "number": 2},
         "row_contributions": {"solution": solution},
         "mode_contributions": {"solution": whole},
         "lumbar_passive_stiffness": {"joints": (scso.LumbarJoint(levels=1, rows={"a": "axial"}),)},
@@ -134,6 +150,10 @@ def examples(tmp_path_factory):
         "plot_tendon_forces": {"solutions": {"one": solution}},
         "tendon_force_difference": {"solution": solution, "reference": solution},
     }
+
+
+def _floor(strength):
+    return scso.ActivationFloor(floor=strength)
 
 
 def _nothing_held():
@@ -164,10 +184,14 @@ def _with_curvature(problem, rng):
 
 
 def is_called(name):
-    """Exceptions take any words, abstract classes nothing, and statuses are looked up by Python itself."""
+    """Exceptions take any words, abstract classes and modules nothing; Python itself looks up statuses."""
     thing = getattr(scso, name)
+    if inspect.ismodule(thing):
+        return False
     is_plain_error = isinstance(thing, type) and issubclass(thing, Exception) and name != "SolveFailed"
-    return not inspect.isabstract(thing) and not is_plain_error and thing is not scso.Status
+    return (
+        not inspect.isabstract(thing) and not is_plain_error and thing not in (scso.Status, scso.Regularity)
+    )
 
 
 #: Parameters that take more than one argument.
