@@ -183,7 +183,9 @@ def test_peers_have_our_optimum(peer, kind, power):
 def test_pages_are_made_of_a_result(result, tmp_path):
     found = json.loads(result.read_text())
     run = {"by": "scso run", "seconds": 2.0, "cpu_seconds": 3.0, "frames": 100, "peak_mb": 150.0}
-    theirs = {**run, "by": "OpenSim", "what": "OpenSim's StaticOptimization", "seconds": 30.0, "frames": 10}
+    # one core, which others have kept from it for a while
+    theirs = {**run, "by": "OpenSim", "what": "OpenSim's StaticOptimization", "frames": 10}
+    theirs |= {"seconds": 50.0, "cpu_seconds": 30.0}
     slope = [
         {"case": "synthetic_frames", "what": "SO, alone", "by": "trajectory-wide", "power": 2.0, "frames": n}
         | {"seconds": n / 1e3, "cpu_seconds": n / 1e3, "peak_mb": 100.0, "solving_mb": n**0.5}
