@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from scso_nlp.arguments import checked
-from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.constraints.constraint import FrameConstraint, require_price
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows
 from scso_nlp.motion import Motion
@@ -72,8 +71,7 @@ class AntagonistRatio(FrameConstraint):
         object.__setattr__(self, "coordinates", chosen_names("coordinate", self.coordinates))
         if not 0 <= self.ratio < 1:
             raise ProblemError(f"ratio is {self.ratio:g}, expected a number of at least 0 and below 1")
-        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price, or no price")
+        require_price(self.soft, "N·m")
 
     def _chosen(self, motion: Motion) -> IntArray:
         """Positions of the coordinates, shape (n_chosen,)."""

@@ -6,9 +6,11 @@ A new constraint is one file here, one line in ``scso_nlp/__init__.pyi`` and one
 from __future__ import annotations
 
 import abc
+import math
 
 import casadi as ca
 
+from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, MatrixRows, Rows, Term
 from scso_nlp.motion import Motion
 
@@ -27,3 +29,9 @@ class FramePairConstraint(Term, abc.ABC):
     @abc.abstractmethod
     def rows(self, previous: Frame, current: Frame, dt: ca.SX, motion: Motion) -> Rows:
         """Rows of one pair of frames `dt` seconds apart; `motion` is for names and units only."""
+
+
+def require_price(soft: float | None, per: str) -> None:
+    """Refuse a price of missing rows that is not positive; `per` is what it is paid for."""
+    if soft is not None and not (math.isfinite(soft) and soft > 0):
+        raise ProblemError(f"soft is {soft:g}, expected a positive price per {per}, or no price")

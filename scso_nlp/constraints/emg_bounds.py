@@ -11,7 +11,7 @@ import numpy as np
 
 from scso_nlp.activity import MuscleActivity
 from scso_nlp.arguments import checked
-from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.constraints.constraint import FrameConstraint, require_price
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows
 from scso_nlp.motion import Motion
@@ -76,8 +76,7 @@ class EmgBounds(FrameConstraint):
                 raise ProblemError(f"{name} is {value:g}, expected a number of at least 0")
         if math.isinf(self.below) and math.isinf(self.above):
             raise ProblemError("below and above are both infinite, expected at least one bound")
-        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price, or no price")
+        require_price(self.soft, "unit of activation")
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give measured activity of the muscles that have one, within their bounds."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,8 +10,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from scso_nlp.constraints.constraint import FrameConstraint
-from scso_nlp.exceptions import ProblemError
+from scso_nlp.constraints.constraint import FrameConstraint, require_price
 from scso_nlp.frame import Frame, Rows
 from scso_nlp.joint_reactions import required
 from scso_nlp.motion import Motion
@@ -73,8 +71,7 @@ class JointReactionConstraint(FrameConstraint):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", chosen_names("joint", self.joints))
-        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N, or no price")
+        require_price(self.soft, "N")
 
     @abc.abstractmethod
     def room(self, forces: Mapping[str, ca.SX], body_weight: float) -> Mapping[str, ca.SX]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scso_nlp.constraints.constraint import FrameConstraint
+from scso_nlp.constraints.constraint import FrameConstraint, require_price
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, MatrixRows, Rows
 from scso_nlp.motion import Motion
@@ -87,8 +87,7 @@ class StabilityConstraint(FrameConstraint):
                 raise ProblemError(f"passive_stiffness of {name!r} is {value:g}, expected at least 0 N·m/rad")
         if not (math.isfinite(self.passive_factor) and self.passive_factor >= 0):
             raise ProblemError(f"passive_factor is {self.passive_factor:g}, expected a number of at least 0")
-        if self.soft is not None and not (math.isfinite(self.soft) and self.soft > 0):
-            raise ProblemError(f"soft is {self.soft:g}, expected a positive price per N·m/rad, or no price")
+        require_price(self.soft, "N·m/rad")
 
     @property
     def stiffness_law(self) -> StiffnessLaw:

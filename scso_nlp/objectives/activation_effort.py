@@ -13,7 +13,7 @@ from scso_nlp.arguments import checked
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows, VariableSpec
 from scso_nlp.motion import Motion
-from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.objectives.objective import FrameObjective, require_weights
 from scso_nlp.validation import FloatArray, by_name
 
 #: Finite exponents above this one are refused: 0.5 to that power is near the end of the doubles.
@@ -85,8 +85,7 @@ class ActivationEffort(FrameObjective):
                 f"exponent is {self.exponent:g}, expected at most {LARGEST_EXPONENT:g}: powers of small "
                 "activations vanish among the doubles; infinity is min/max"
             )
-        if not (math.isfinite(self.weight) and self.weight >= 0):
-            raise ProblemError(f"weight is {self.weight:g}, expected a finite number of at least 0")
+        require_weights(self.weight, self.weights if isinstance(self.weights, Mapping) else None)
         if isinstance(self.weights, str) and self.weights not in ("volume", "pcsa"):
             raise ProblemError(f"weights is {self.weights!r}, expected 'volume', 'pcsa' or a mapping")
 
@@ -114,11 +113,6 @@ class ActivationEffort(FrameObjective):
                 size = size * muscles.optimal_fiber_length
             weights[: muscles.n_muscles] = size / size.mean()
         elif self.weights is not None:
-            for pattern, weight in self.weights.items():
-                if not (math.isfinite(weight) and weight >= 0):
-                    raise ProblemError(
-                        f"weight of {pattern!r} is {weight:g}, expected a number of at least 0"
-                    )
             return by_name("muscle or actuator", self.weights, names, default=1.0)
         return weights
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,10 +10,9 @@ import numpy as np
 
 from scso_nlp.activity import MuscleActivity
 from scso_nlp.arguments import checked
-from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.motion import Motion
-from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.objectives.objective import FrameObjective, require_weights
 from scso_nlp.validation import FloatArray, by_name
 
 
@@ -74,10 +72,7 @@ class EmgTracking(FrameObjective):
     label: str = ""
 
     def __post_init__(self) -> None:
-        named = {f"weight of {name!r}": value for name, value in (self.weights or {}).items()}
-        for what, value in {**named, "weight": self.weight}.items():
-            if not (math.isfinite(value) and value >= 0):
-                raise ProblemError(f"{what} is {value:g}, expected a finite number of at least 0")
+        require_weights(self.weight, self.weights)
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Give measured activity by muscle, and the weight of each muscle, 0 where nothing is measured."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ from scso_nlp.frame import Frame
 from scso_nlp.joint_reactions import required
 from scso_nlp.motion import Motion
 from scso_nlp.needs import MotionNeeds
-from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.objectives.objective import FrameObjective, require_weights
 from scso_nlp.validation import FloatArray, by_name, chosen_names
 
 
@@ -66,10 +65,7 @@ class JointReactionEffort(FrameObjective):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", chosen_names("joint", self.joints))
-        named = {f"weight of {name!r}": value for name, value in (self.weights or {}).items()}
-        for what, value in {**named, "weight": self.weight}.items():
-            if not (math.isfinite(value) and value >= 0):
-                raise ProblemError(f"{what} is {value:g}, expected a finite number of at least 0")
+        require_weights(self.weight, self.weights)
 
     @property
     def needs(self) -> MotionNeeds:

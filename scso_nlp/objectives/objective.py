@@ -6,9 +6,12 @@ A new objective is one file here, one line in ``scso_nlp/__init__.pyi`` and one 
 from __future__ import annotations
 
 import abc
+import math
+from collections.abc import Mapping
 
 import casadi as ca
 
+from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame, Rows, Term
 
 
@@ -43,3 +46,11 @@ class FramePairObjective(Term, abc.ABC):
     @abc.abstractmethod
     def value(self, previous: Frame, current: Frame, dt: ca.SX) -> ca.SX:
         """Cost of one pair of frames `dt` seconds apart, a scalar, before the weight."""
+
+
+def require_weights(weight: float, by_name: Mapping[str, float] | None = None) -> None:
+    """Refuse weights, of a term and of what it sums, that are negative or not finite."""
+    named = {f"weight of {name!r}": value for name, value in (by_name or {}).items()}
+    for what, value in {**named, "weight": weight}.items():
+        if not (math.isfinite(value) and value >= 0):
+            raise ProblemError(f"{what} is {value:g}, expected a finite number of at least 0")

@@ -14,7 +14,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.frame import Frame
 from scso_nlp.motion import Motion
 from scso_nlp.objectives.activation_effort import LARGEST_EXPONENT, power
-from scso_nlp.objectives.objective import FrameObjective
+from scso_nlp.objectives.objective import FrameObjective, require_weights
 from scso_nlp.validation import FloatArray, by_name
 
 
@@ -73,8 +73,7 @@ class ShiftedEffort(FrameObjective):
             raise ProblemError(
                 f"exponent is {self.exponent:g}, expected a number from 2 to {LARGEST_EXPONENT:g}"
             )
-        if not (math.isfinite(self.weight) and self.weight >= 0):
-            raise ProblemError(f"weight is {self.weight:g}, expected a finite number of at least 0")
+        require_weights(self.weight)
 
     def data(self, motion: Motion) -> Mapping[str, FloatArray]:
         """Shift of every muscle, the same in every frame."""
