@@ -52,7 +52,8 @@ def doctor(
         # what there is to be said has been said above
         with collected_notes(), stages_shown(delay=0.0):
             diagnosis = diagnose(settings, where, found.description)
-        advice = advice_tables(diagnosis, str(source))
+        clamped = {c.name: c.range for c in found.description.coordinates if c.is_clamped}
+        advice = advice_tables(diagnosis, str(source), clamped)
         if as_json:
             about = {**diagnosis.to_dict(), "advice": advice[-1].notes}
             typer.echo(_as_json(info=found.to_dict(), **about))

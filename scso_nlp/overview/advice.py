@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,11 +17,15 @@ from scso_nlp.trajectory import time_text
 from scso_nlp.validation import FloatArray, shown_names
 from scso_nlp.verdict import RESERVE_LIMIT, RESIDUAL_LIMITS
 
+#: A coordinate stands at the end of its range if it is no farther from it [rad or m]: assembly is not exact.
+AT_END = 1e-6
 #: A gain that is advised is this share above the one that is just enough [-]: more than its last digit.
 MORE = 0.01
 
 
-def advice_tables(found: Diagnosis, source: str) -> tuple[Table, ...]:
+def advice_tables(
+    found: Diagnosis, source: str, clamped: Mapping[str, tuple[float, float]] | None = None
+) -> tuple[Table, ...]:
     """Say it in a table of rows, and in sentences with the options to type next.
 
     Parameters
@@ -29,12 +33,19 @@ def advice_tables(found: Diagnosis, source: str) -> tuple[Table, ...]:
     found : Diagnosis
     source : str
         What ``scso run`` would be given.
+    clamped : mapping of str to (float, float), optional [rad or m]
+        Coordinates that the model keeps in their ranges, with these.
 
     Returns
     -------
     tuple of Table
     """
-    advice = [*_on_moments(found), *_on_power(found, source), *_on_reserves(found)]
+    advice = [
+        *_on_moments(found),
+        *_on_limits(found, clamped or {}),
+        *_on_power(found, source),
+        *_on_reserves(found),
+    ]
     tables = (_row_table(found), Table(title="Advice", notes=tuple(advice)))
     return tables if found.rows else tables[1:]
 
@@ -110,6 +121,30 @@ def _on_moments(found: Diagnosis) -> list[str]:
         f"static optimization solves {solved} of {n} frames: muscles and actuators cannot make the moments "
         f"of {shown_names(tuple(worst)) or 'some coordinates'}; add reserves there (--actuators RESERVES.xml)"
     ]
+
+
+def _on_limits(found: Diagnosis, clamped: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Name limits of joints where moments are out of reach or left to reserves."""
+    baseline, reserve = found.baseline, found.baseline.verdict.reserve
+    motion = baseline.problem.motion.trajectory
+    looked_at = {row.row: row.frame for row in baseline.shortfalls if row.row in motion.coordinates}
+    if reserve is not None and reserve.amount > 100 * RESERVE_LIMIT:
+        looked_at.setdefault(reserve.name, int(np.abs(motion.time - reserve.time).argmin()))
+    advice = []
+    for name, k in looked_at.items():
+        c, place = motion.coordinates.index(name), f"{name} at t = {time_text(motion.time[k])} s"
+        passive = motion.passive_generalized_forces[k, c]
+        if name in clamped and np.abs(clamped[name] - motion.coordinate_values[k, c]).min() <= AT_END:
+            advice.append(
+                f"the model clamps {place} to the end of its range: widen the range, or mend the motion"
+            )
+        elif abs(passive) > abs(motion.generalized_forces[k, c] + passive):
+            unit = "N·m" if motion.is_rotational[c] else "N"
+            advice.append(
+                f"the model's own springs and limits push {place} by {passive:.3g} {unit}, more than is "
+                "needed: see whether the motion goes beyond a joint's limit"
+            )
+    return advice
 
 
 def _on_power(found: Diagnosis, source: str) -> list[str]:

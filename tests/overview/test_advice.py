@@ -12,8 +12,8 @@ from scso_nlp.overview.diagnosis import diagnosis_of, stable_terms
 from scso_nlp.overview.info import ModelInfo
 
 
-def sentences(found):
-    return "\n".join(advice_tables(found, "setup.xml")[-1].notes)
+def sentences(found, clamped=None):
+    return "\n".join(advice_tables(found, "setup.xml", clamped)[-1].notes)
 
 
 @pytest.mark.parametrize(("moment", "gain"), [(30.0, 5.0), (15.0, 9.0)])
@@ -61,6 +61,20 @@ def test_reserves_beyond_opensims_rule_and_moments_out_of_reach_are_said():
     assert "solves 1 of 2 frames: muscles and actuators cannot make the moments of q1" in sentences(weak)
     assert weak.rows == ()
     assert "within OpenSim's limits" in sentences(diagnosis_of(elbow([10.0])))
+
+
+@pytest.mark.parametrize("reserve", [None, 1000.0], ids=["out of reach", "by reserves"])
+def test_a_limit_of_a_joint_is_named_where_it_is_the_reason(reserve):
+    """In the second frame 900 N·m are asked for: 10 by the motion, the rest against a limit."""
+    problem = elbow([10.0, 900.0], reserve=reserve)
+    found = diagnosis_of(problem)
+    assert "clamps" not in sentences(found, {"q1": (-1.0, 2.0)})
+    assert "springs and limits" not in sentences(found)
+    said = "the model clamps q1 at t = 0.01 s to the end of its range: widen the range, or mend the motion"
+    assert said in sentences(found, {"q1": (-1.0, 0.0)})
+    trajectory = replace(problem.motion.trajectory, passive_generalized_forces=[[0.0], [-890.0]])
+    found = diagnosis_of(replace(problem, motion=replace(problem.motion, trajectory=trajectory)))
+    assert "own springs and limits push q1 at t = 0.01 s by -890 N·m, more than is needed" in sentences(found)
 
 
 def test_two_frames_with_and_without_need_are_counted_apart():
