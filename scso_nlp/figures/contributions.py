@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -61,6 +63,8 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     )
     panel = figure.subplots()
     limit = float(np.abs(shown).max()) or 1.0
+    # two digits of the largest, and no sign of a zero
+    number = f"{{:z.{max(1 - math.floor(math.log10(limit)), 0)}f}}".format
     cells = panel.pcolormesh(
         shown, cmap="RdBu", norm=Normalize(-limit, limit), edgecolors="white", linewidth=0.5
     )
@@ -70,7 +74,7 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     panel.set_yticks(
         np.arange(n_rows) + 0.5,
         [
-            f"{style.literal(row)}  (load {_whole(load)})"
+            f"{style.literal(row)}  (load {number(load)})"
             for row, load in zip(contributions.rows, loads, strict=True)
         ],
         fontsize=style.LEAST_TEXT,
@@ -80,11 +84,11 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
             for c in range(n_columns):
                 dark = abs(shown[r, c]) > 0.55 * limit
                 panel.text(
-                    c + 0.5, r + 0.5, _whole(shown[r, c]), ha="center", va="center",
+                    c + 0.5, r + 0.5, number(shown[r, c]), ha="center", va="center",
                     fontsize=style.LEAST_TEXT, color="white" if dark else "black",
                 )  # fmt: skip
     panel.tick_params(length=0)
-    title = "What each muscle adds to the stability of each axis"
+    title = "What each muscle adds to the stability of each axis, mean of the motion"
     if n_columns < len(contributions.muscles):
         title += f" ({n_columns} of {len(contributions.muscles)} muscles)"
     # of the figure, not of the panel: the panel may be narrower than the text
@@ -93,8 +97,3 @@ def plot_contributions(contributions: Contributions, *, most_muscles: int = MOST
     bar.set_label("N·m/rad", fontsize=style.TEXT)
     bar.ax.tick_params(labelsize=style.LEAST_TEXT)
     return figure
-
-
-def _whole(value: float) -> str:
-    """Write a rounded number, without the sign of a zero."""
-    return f"{round(float(value)) + 0:d}"
