@@ -292,9 +292,9 @@ def format_number(row: ComparisonRow, notes: Sequence[str] = ()) -> str:
     mark = f" [{notes.index(row.note) + 1}]" if row.note and row.note in notes else ""
     if math.isnan(row.value):
         return f"n/a{mark}"
-    text = f"{row.value:.3f}" if abs(row.value) < 100 else f"{row.value:.4g}"
+    text = f"{row.value:z.3f}" if abs(row.value) < 100 else f"{row.value:.4g}"
     if not math.isnan(row.low):
-        text += f" ({row.low:.3f} to {row.high:.3f})"
+        text += f" ({row.low:z.3f} to {row.high:z.3f})"
     return text + mark
 
 

@@ -249,11 +249,12 @@ def _check_loads(motion: MotionInput, loads: LoadSource, table: Storage) -> Stor
     for load, identifier in loads.identifiers:
         columns = [i for i, label in enumerate(data.labels) if label.startswith(identifier)]
         labels = tuple(data.labels[i] for i in columns)
-        # OpenSim splits labels at blanks
-        if len(columns) != 3 or len(set(labels)) != 3 or any(len(label.split()) != 1 for label in labels):
+        has_blank = any(len(label.split()) != 1 for label in labels)
+        if len(columns) != 3 or len(set(labels)) != 3 or has_blank:
+            why = "; OpenSim splits labels at blanks, rename the columns" if has_blank else ""
             raise NameMismatchError(
                 f"{loads.data}: the load {shown(load)} needs three columns that start with "
-                f"{shown(identifier)}, found {shown(labels)[1:-1] or 'none'}"
+                f"{shown(identifier)}, found {shown(labels)[1:-1] or 'none'}{why}"
             )
         ends = [label.removeprefix(identifier).lstrip("_").lower() for label in labels]
         if sorted(ends) in AXES and ends != sorted(ends):

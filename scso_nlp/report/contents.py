@@ -246,7 +246,8 @@ def _status(solution: Solution) -> Storage:
         f"(N.m, N or N.m/rad), {NO_ITERATE:g} where there is no iterate.\n"
     )
     columns = {"status": np.array([float(STATUS_CODES[status]) for status in solution.frame_status])}
-    columns |= {f"violation_{name}": _violation(rows) for name, rows in solution.kept.items()}
+    # labels of terms are any text, OpenSim splits those of columns at blanks
+    columns |= {"_".join(f"violation {n}".split()): _violation(rows) for n, rows in solution.kept.items()}
     values = np.column_stack(list(columns.values()))
     return _storage(solution, "Solver Status", tuple(columns), values, description)
 

@@ -22,7 +22,7 @@ from scso_nlp.emg import (
     result_of,
     write_comparison_csv,
 )
-from scso_nlp.emg.comparison import ALL_GROUPS, EMG_LABEL
+from scso_nlp.emg.comparison import ALL_GROUPS, EMG_LABEL, ComparisonRow, format_number
 from scso_nlp.exceptions import DataError, FileFormatError, NameMismatchError
 from scso_nlp.io.storage import Storage, write_storage
 
@@ -194,6 +194,11 @@ def test_the_text_table_has_a_line_per_group_and_explains_what_is_missing():
     assert "n/a [2]" in correlation
     assert "[1] the predicted series is constant" in text
     assert "circular block bootstrap" in text
+
+
+def test_what_rounds_to_zero_has_no_sign():
+    row = ComparisonRow(result="a", group="b", metric="c", value=-1e-9, low=-2e-9, high=0.5)
+    assert format_number(row) == "0.000 (0.000 to 0.500)"
 
 
 def written_folder(tmp_path, failed=False, **report):

@@ -316,6 +316,11 @@ def test_what_is_read_of_the_loads_is_what_opensim_is_given(old: str, new: str, 
             "takes the columns hand_vy, hand_vx, hand_vz .* as x, y and z",
         ),
         ("hand_vx\thand_vy", "hand_vx\thand_vx", "needs three columns that start with 'hand_v', found"),
+        (
+            "hand_vx\thand_vy",
+            "hand_vx N\thand_vy",
+            "'hand_vx N', .*; OpenSim splits labels at blanks, rename",
+        ),
     ],
 )
 def test_columns_of_a_load_that_opensim_would_take_for_others_are_refused(

@@ -251,6 +251,14 @@ def test_status_codes_are_explained_in_the_header_of_the_status_file(tmp_path):
     assert set(STATUS_CODES) == set(Status)
 
 
+def test_labels_of_terms_may_have_blanks(tmp_path):
+    solution = solution_by_hand()
+    rows = {"elbow, at rest": solution.rows["JointStability"]}
+    write(replace(solution, rows=rows), tmp_path / "results")
+    table = read_storage(tmp_path / "results" / "antagonists_status.sto")
+    assert table.labels == ("status", "violation_elbow,_at_rest")
+
+
 def test_the_status_file_has_no_gap_where_a_frame_has_no_iterate(tmp_path):
     solution = solution_by_hand(failed=(1,))
     rows = dict(solution.rows)

@@ -98,6 +98,6 @@ def _note(
     return (
         f"{settings['states'] or settings['coordinates']}: in {n_left} of {len(rows)} rows coordinates leave "
         f"the ranges to which the model clamps them ({left}); the values of OpenSim's assembly are taken, "
-        f"which changes {n_changed} rows, most {coordinates.names[k]!r} by {changes[row, k]:.3g} {unit} at "
-        f"t = {before.time[rows[row]]:.9g} s; speeds stay those of the motion"
+        f"which changes them in {n_changed}, most {coordinates.names[k]!r} by {changes[row, k]:.3g} {unit} "
+        f"at t = {before.time[rows[row]]:.9g} s; speeds stay those of the motion"
     )
