@@ -20,7 +20,6 @@ for the third-party data there that have none.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import subprocess
@@ -36,10 +35,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 import scso_nlp as scso
-from problems.benchmarks.setups import write_setups
-from scso_nlp.exceptions import ScsoError
+from problems.benchmarks.tables import table_command, title
 from scso_nlp.io.storage import Storage, read_storage
-from scso_nlp.opensim.engine import opensim_version
 from scso_nlp.opensim.setup_xml import MotionInput, read_analyze_setup
 from scso_nlp.validation import FloatArray
 
@@ -366,7 +363,7 @@ def compare(setup: Path, frames: int = FRAMES) -> Comparison:
     own = optimum(problem["lower"], problem["upper"], problem["matrices"], problem["wanted"])[:, columns]
     both = is_solved[rows] & np.isfinite(own).all(axis=1) & is_square
     return Comparison(
-        title=f"{setup.parent.name}/{setup.name}{', without filter' if unfiltered else ''}",
+        title=f"{title(setup)}{', without filter' if unfiltered else ''}",
         frames=len(x),
         solved=(int(is_solved.sum()), int(loose.is_claimed.sum())),
         as_it_stands=difference(x[counted], theirs[counted], motion),
@@ -401,28 +398,13 @@ HEADS = (
 
 def main() -> None:
     """Print the table row by row, and write it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    table_command(
+        __doc__,
+        HEADS,
+        lambda setup, frames: str(compare(setup, frames)),
+        frames=FRAMES,
+        of_what="of the runs with tighter criteria",
     )
-    parser.add_argument("setups", nargs="*", type=Path, metavar="SETUP.xml")
-    parser.add_argument(
-        "--data", type=Path, help="folder of the third-party data: compare those without setup"
-    )
-    parser.add_argument("--frames", type=int, default=FRAMES, help="of the runs with tighter criteria, about")
-    parser.add_argument("--output", type=Path, help="write the table into this file too")
-    arguments = parser.parse_args()
-    lines = [f"| {' | '.join(HEADS)} |", "|---" * len(HEADS) + "|"]
-    print(f"OpenSim {opensim_version()}\n" + "\n".join(lines), flush=True)
-    with tempfile.TemporaryDirectory() as scratch:
-        made = write_setups(arguments.data.resolve(), Path(scratch)) if arguments.data else []
-        for setup in [*arguments.setups, *made]:
-            try:
-                lines.append(str(compare(setup.resolve(), arguments.frames)))
-            except (RuntimeError, ScsoError) as error:
-                lines.append(f"| {setup.parent.name}/{setup.name} | no comparison: {error} |")
-            print(lines[-1], flush=True)
-    if arguments.output is not None:
-        arguments.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ data there that have none.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import subprocess
@@ -24,11 +23,9 @@ from pathlib import Path
 import numpy as np
 
 import scso_nlp as scso
-from problems.benchmarks.setups import write_setups
-from scso_nlp.exceptions import ScsoError
+from problems.benchmarks.tables import table_command, title
 from scso_nlp.io.storage import Storage, read_storage, write_storage
 from scso_nlp.joint_reactions import FRAMES, SIDES, required
-from scso_nlp.opensim.engine import opensim_version
 from scso_nlp.opensim.model_names import model_names
 from scso_nlp.opensim.setup_xml import read_analyze_setup
 from scso_nlp.validation import FloatArray
@@ -171,29 +168,13 @@ HEADS = (
 
 def main() -> None:
     """Print the table row by row, and write it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    table_command(
+        __doc__,
+        HEADS,
+        lambda setup, frames: f"| {title(setup)} | {compare(setup, frames)} |",
+        frames=SOME,
+        of_what="of each setup",
     )
-    parser.add_argument("setups", nargs="*", type=Path, metavar="SETUP.xml")
-    parser.add_argument(
-        "--data", type=Path, help="folder of the third-party data: compare those without setup"
-    )
-    parser.add_argument("--frames", type=int, default=SOME, help="of each setup, about")
-    parser.add_argument("--output", type=Path, help="write the table into this file too")
-    arguments = parser.parse_args()
-    lines = [f"| {' | '.join(HEADS)} |", "|---" * len(HEADS) + "|"]
-    print(f"OpenSim {opensim_version()}\n" + "\n".join(lines), flush=True)
-    with tempfile.TemporaryDirectory() as scratch:
-        made = write_setups(arguments.data.resolve(), Path(scratch)) if arguments.data else []
-        for setup in [*arguments.setups, *made]:
-            title = f"{setup.parent.name}/{setup.name}"
-            try:
-                lines.append(f"| {title} | {compare(setup.resolve(), arguments.frames)} |")
-            except (RuntimeError, ScsoError) as error:
-                lines.append(f"| {title} | no comparison: {error} |")
-            print(lines[-1], flush=True)
-    if arguments.output is not None:
-        arguments.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

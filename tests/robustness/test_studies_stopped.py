@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -117,89 +118,60 @@ def processes_of(study: Study) -> list[int]:
     return found
 
 
-def tell(kind: str, outcomes: collections.Counter[str]) -> None:
-    if NUMBER > 1:
-        print(f"\n{kind}: " + ", ".join(f"{n} {what}" for what, n in sorted(outcomes.items())))
+@pytest.fixture
+def study(tmp_path: Path, inputs: Path) -> Iterator[Study]:
+    yield Study(tmp_path, inputs)
+    shutil.rmtree(tmp_path)
 
 
-@pytest.mark.parametrize("number", ["SIGKILL", "SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(
+    ("number", "moment"),
+    [(n, m) for n in ("SIGKILL", "SIGINT", "SIGTERM") for m in moments(f"{n} to the main process")],
+)
 def test_a_main_process_that_is_stopped_leaves_no_process_and_loses_nothing(
-    tmp_path, inputs, undisturbed, number
+    study, undisturbed, number, moment
 ):
-    kind = f"{number} to the main process"
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind)):
-        study = Study(tmp_path / str(k), inputs)
-        process = study.start("--workers", "2")
+    process = study.start("--workers", "2")
+    study.wait_until(moment, process)
+    # as a terminal does, to all of them; SIGKILL to the one
+    stop = os.kill if number == "SIGKILL" else os.killpg
+    stop(process.pid, signal.Signals[number])
+    _, words = process.communicate(timeout=120)
+    print(f"\n{len(list(study.output.glob(f'*/*/*/{TRIAL}')))} done before")
+    until = time.monotonic() + 30
+    while (left := processes_of(study)) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not left, words
+    assert process.returncode in ({"SIGKILL": -9, "SIGINT": 130, "SIGTERM": 143}[number], 0), words
+    assert number == "SIGKILL" or "Traceback" not in words, words
+    assert (study.finish() or study.what_is_wrong(undisturbed)) == "", words
+
+
+@pytest.mark.parametrize(("k", "moment"), list(enumerate(moments("SIGKILL to a worker"))))
+def test_a_worker_that_is_killed_costs_its_trial_a_second_start(study, undisturbed, k, moment):
+    process = study.start("--workers", "2")
+    study.wait_until(moment, process)
+    children = psutil.Process(process.pid).children() if process.poll() is None else []
+    workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    if workers:
+        workers[k % len(workers)].kill()
+    said = process.communicate(timeout=300)
+    print(f"\n{'a worker killed' if workers else 'no worker there'}")
+    assert process.returncode == 0, said
+    assert study.what_is_wrong(undisturbed) == "", said
+
+
+@pytest.mark.parametrize("moment", moments("SIGKILL to a scheduler"))
+def test_a_scheduler_that_is_killed_ends_the_call_with_a_sentence(tmp_path, study, undisturbed, moment):
+    with Cluster(tmp_path / "cluster") as cluster:
+        process = study.start("--scheduler", cluster.address)
         study.wait_until(moment, process)
-        # as a terminal does, to all of them; SIGKILL to the one
-        stop = os.kill if number == "SIGKILL" else os.killpg
-        stop(process.pid, signal.Signals[number])
-        _, words = process.communicate(timeout=120)
-        code = process.returncode
-        expected = {"SIGKILL": -9, "SIGINT": 130, "SIGTERM": 143}[number]
-        before = len(list(study.output.glob(f"*/*/*/{TRIAL}")))
-        outcomes[f"{before} done before"] += 1
-        until = time.monotonic() + 30
-        while (left := processes_of(study)) and time.monotonic() < until:
-            time.sleep(0.1)
-        what = f"processes are left: {left}" if left else ""
-        if code not in (expected, 0):
-            what = what or f"exit code {code}"
-        if number != "SIGKILL" and "Traceback" in words:
-            what = what or "a traceback"
-        what = what or study.finish() or study.what_is_wrong(undisturbed)
-        if what:
-            wrong[moment] = f"{what}\n{words}"
-        shutil.rmtree(study.output.parent)
-    tell(kind, outcomes)
-    assert not wrong
-
-
-def test_a_worker_that_is_killed_costs_its_trial_a_second_start(tmp_path, inputs, undisturbed):
-    kind = "SIGKILL to a worker"
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind)):
-        study = Study(tmp_path / str(k), inputs)
-        process = study.start("--workers", "2")
-        study.wait_until(moment, process)
-        children = psutil.Process(process.pid).children() if process.poll() is None else []
-        workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
-        if workers:
-            workers[k % len(workers)].kill()
-        said = process.communicate(timeout=300)
-        outcomes["a worker killed" if workers else "no worker there"] += 1
-        what = "" if process.returncode == 0 else f"exit code {process.returncode}"
-        what = what or study.what_is_wrong(undisturbed)
-        if what:
-            wrong[moment] = f"{what}\n{said}"
-        shutil.rmtree(study.output.parent)
-    tell(kind, outcomes)
-    assert not wrong
-
-
-def test_a_scheduler_that_is_killed_ends_the_call_with_a_sentence(tmp_path, inputs, undisturbed):
-    kind = "SIGKILL to a scheduler"
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind)):
-        study = Study(tmp_path / str(k), inputs)
-        with Cluster(tmp_path / f"cluster{k}") as cluster:
-            process = study.start("--scheduler", cluster.address)
-            study.wait_until(moment, process)
-            cluster.scheduler.kill()
-            _, words = process.communicate(timeout=300)
-        what = ""
-        if process.returncode == 0:
-            outcomes["finished before"] += 1
-        else:
-            outcomes["one sentence"] += 1
-            said = [line for line in words.splitlines() if line.startswith("error: ")]
-            sentences = ("the Dask scheduler is gone, or somebody cancelled", "no Dask scheduler answers at")
-            if process.returncode != 2 or len(said) != 1 or not any(s in said[0] for s in sentences):
-                what = f"exit code {process.returncode}"
-        what = what or study.finish() or study.what_is_wrong(undisturbed)
-        if what:
-            wrong[moment] = f"{what}\n{words}"
-        shutil.rmtree(study.output.parent)
-    tell(kind, outcomes)
-    assert not wrong
+        cluster.scheduler.kill()
+        _, words = process.communicate(timeout=300)
+    print(f"\n{'one sentence' if process.returncode else 'finished before'}")
+    if process.returncode:
+        assert process.returncode == 2, words
+        (said,) = (line for line in words.splitlines() if line.startswith("error: "))
+        sentences = ("the Dask scheduler is gone, or somebody cancelled", "no Dask scheduler answers at")
+        assert any(sentence in said for sentence in sentences)
+    assert (study.finish() or study.what_is_wrong(undisturbed)) == "", words
