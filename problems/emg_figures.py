@@ -85,8 +85,6 @@ def lifting_study(trial: str, step_interval: int = 1) -> Study:
     -------
     Study
     """
-    problem = back_lifting.make_problem(trial, step_interval=step_interval, with_curvature=True)
-    plain = problem.without_stability()
     rows, matrix = back_lifting.passive_stiffness()
     all_axes = JointStability(q=5.0, joints=back_lifting.JOINTS, axes=("x", "y", "z"))
     terms = {
@@ -97,6 +95,8 @@ def lifting_study(trial: str, step_interval: int = 1) -> Study:
             q=5.0, coordinates=back_lifting.COORDINATES, passive_stiffness=matrix
         ),
     }
+    problem = back_lifting.make_problem(trial, step_interval=step_interval, prepare_for=tuple(terms.values()))
+    plain = problem.without_stability()
     return Study(
         name=trial,
         problems={"SO": plain, **_with_each(plain, terms)},

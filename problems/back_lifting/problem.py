@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from problems.fetch import BACK_LIFTING, fetch, motion_cache
+from problems.fetch import BACK_LIFTING, fetch
+from problems.motions import folder_of, stable_problem
 from scso_nlp import (
     ActuatorParameters,
-    HessianStability,
     JointStability,
     Motion,
     MotionTrajectory,
     MuscleForceProblem,
-    stability_constrained_static_optimization,
 )
-from scso_nlp.exceptions import DataError, NameMismatchError
+from scso_nlp.constraints.stability_constraint import StabilityConstraint
+from scso_nlp.exceptions import DataError
 from scso_nlp.io.storage import read_storage
-from scso_nlp.opensim.engine import load_motion
 from scso_nlp.validation import positions
 
 #: Trials of the data set that are used.
@@ -53,7 +53,11 @@ EMG_MAP = Path(__file__).parent / "emg_map.toml"
 
 
 def make_problem(
-    trial: str = "stoop15kg", q: float = 5.0, step_interval: int = 1, *, with_curvature: bool = False
+    trial: str = "stoop15kg",
+    q: float = 5.0,
+    step_interval: int = 1,
+    *,
+    prepare_for: Sequence[StabilityConstraint] = (),
 ) -> MuscleForceProblem:
     """Describe one lift with stability rows about all axes of the six lumbar joints.
 
@@ -65,8 +69,8 @@ def make_problem(
         Stiffness gain of all muscles.
     step_interval : int
         Take every n-th frame of the recording (15 per second).
-    with_curvature : bool
-        Extract the second derivatives of the paths too, which :class:`scso_nlp.HessianStability` needs.
+    prepare_for : sequence of StabilityConstraint
+        Extract what these need, too.
 
     Returns
     -------
@@ -80,26 +84,23 @@ def make_problem(
     DataError
         The data cannot be fetched.
     """
-    if trial not in TRIALS:
-        raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
-    folder = fetch(BACK_LIFTING)
+    folder = folder_of(trial, TRIALS, BACK_LIFTING)
     moments = read_storage(folder / trial / "id.sto")
-    stability = JointStability(q=q, joints=JOINTS, axes=("x", "y", "z"))
-    recorded = load_motion(
+    problem = stable_problem(
+        JointStability(q=q, joints=JOINTS, axes=("x", "y", "z")),
+        prepare_for=prepare_for,
         model=folder / "lumbarModel_scaled.osim",
         coordinates=folder / trial / "ik.sto",
         in_degrees=False,
         final_time=float(moments.time[-1]),
         step_interval=step_interval,
-        prepare_for=[stability, *([HessianStability(coordinates=COORDINATES)] if with_curvature else [])],
         name=trial,
-        cache=motion_cache(),
     )
-    trajectory = recorded.trajectory
+    trajectory = problem.motion.trajectory
     rows = np.searchsorted(moments.time, trajectory.time - 1e-3)
     if np.abs(moments.time[rows] - trajectory.time).max() > 1e-3:
         raise DataError(f"inverse dynamics of {trial} are not at the times of its inverse kinematics")
-    if recorded.actuators.actuators:
+    if problem.motion.actuators.actuators:
         raise DataError(f"the model of {trial} has actuators of its own, expected muscles only")
     trajectory = _with_reserves(_keep_coordinates(trajectory, moments.columns(COORDINATES)[rows]))
     n = len(COORDINATES)
@@ -109,8 +110,8 @@ def make_problem(
         min_control=np.full(n, -np.inf),
         max_control=np.full(n, np.inf),
     )
-    motion = Motion(trajectory=trajectory, muscles=recorded.muscles, actuators=actuators)
-    return stability_constrained_static_optimization(motion, stability=stability)
+    motion = Motion(trajectory=trajectory, muscles=problem.motion.muscles, actuators=actuators)
+    return replace(problem, motion=motion)
 
 
 def passive_stiffness() -> tuple[dict[str, float], dict[str, float]]:

@@ -158,12 +158,12 @@ def _treadmill(data: Path, scratch: Path) -> Path:
 
 
 def _lift() -> MuscleForceProblem:
-    from problems.back_lifting.problem import JOINTS, make_problem, passive_stiffness
+    from problems.back_lifting.problem import COORDINATES, JOINTS, make_problem, passive_stiffness
 
     by_row, by_coordinate = passive_stiffness()
-    problem = make_problem("stoop15kg", step_interval=4, with_curvature=True)
     rows = JointStability(q=5.0, joints=JOINTS, axes=("x", "y", "z"), passive_stiffness=by_row)
-    whole = HessianStability(q=5.0, passive_stiffness=by_coordinate)
+    whole = HessianStability(q=5.0, coordinates=COORDINATES, passive_stiffness=by_coordinate)
+    problem = make_problem("stoop15kg", step_interval=4, prepare_for=[whole])
     return replace(problem, constraints=(MomentEquilibrium(), rows, whole))
 
 

@@ -8,17 +8,11 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from problems.opensim_files import ground_reactions, reserves, with_data
 from scso_nlp.io.storage import read_storage, write_storage
 
-#: One CoordinateActuator, without bounds.
-RESERVE = """<CoordinateActuator name="{name}_reserve"><min_control>-Inf</min_control>
-<max_control>Inf</max_control><coordinate>{name}</coordinate><optimal_force>{force}</optimal_force>
-</CoordinateActuator>"""
-LOAD = """<ExternalForce name="{name}"><applied_to_body>{body}</applied_to_body>
-<force_expressed_in_body>ground</force_expressed_in_body>
-<point_expressed_in_body>ground</point_expressed_in_body>
-<force_identifier>{name}_force_v</force_identifier><point_identifier>{name}_force_p</point_identifier>
-<torque_identifier>{name}_torque_</torque_identifier></ExternalForce>"""
+#: Reserves of all coordinates at a control of one [N or N·m].
+RESERVES = {"*": 10.0}
 SETUP = """<?xml version="1.0" encoding="UTF-8"?>
 <OpenSimDocument Version="40600"><AnalyzeTool name="{name}">
 <model_file>{model}</model_file><force_set_files>{actuators}</force_set_files>
@@ -60,21 +54,18 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
                 folder / f"treadmill_{trial}",
                 model=model,
                 motion=treadmill / trial / "ik.sto",
-                loads=_loads(feet, treadmill / trial / "XLD.mot"),
-                actuators=_reserves(model),
+                loads=ground_reactions(feet, treadmill / trial / "XLD.mot"),
+                actuators=reserves(model, RESERVES),
                 start=start,
                 end=end,
                 step=3,
                 cutoff=8,
             )
         )
-    text = (implant / "ExternalLoads.xml").read_text(encoding="utf-8")
     model = implant / "Rajagopal2015-scaled.osim"
     changes = ("GC5_ss1", "clamped_"), ("GC5_ss1", "agreeing_")
     for trial, changed in (("GC5_ss1", ""), ("GC5_ss3", ""), ("GC5_ss8", ""), *changes):
-        loads = re.sub(
-            "<datafile>.*?</datafile>", f"<datafile>{implant / trial}_kinetics.mot</datafile>", text
-        )
+        loads = with_data(implant / "ExternalLoads.xml", implant / f"{trial}_kinetics.mot")
         made, motion = folder / f"knee_implant_{changed}{trial}", implant / f"{trial}.mot"
         found.append(
             _write(
@@ -97,7 +88,7 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
                 model=model,
                 motion=lifting / trial / "ik.sto",
                 loads="",
-                actuators=_reserves(model),
+                actuators=reserves(model, RESERVES),
                 start="-Inf",
                 end="Inf",
                 step=130,
@@ -131,24 +122,6 @@ def _write(folder: Path, *, loads: str, actuators: str, **settings: object) -> P
     )
     setup.write_text(text, encoding="utf-8")
     return setup
-
-
-def _loads(bodies: dict[str, str], data: Path) -> str:
-    loads = "".join(LOAD.format(name=name, body=body) for name, body in bodies.items())
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?><OpenSimDocument Version="40600"><ExternalLoads name="loads">'
-        f"<objects>{loads}</objects><datafile>{data}</datafile></ExternalLoads></OpenSimDocument>"
-    )
-
-
-def _reserves(model: Path, force: float = 10.0) -> str:
-    """Return an unbounded actuator for every coordinate of a model without couplers."""
-    names = re.findall(r'<Coordinate name="(.*?)"', model.read_text(encoding="utf-8"))
-    reserves = "".join(RESERVE.format(name=name, force=force) for name in names)
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?><OpenSimDocument Version="40600"><ForceSet name="reserves">'
-        f"<objects>{reserves}</objects></ForceSet></OpenSimDocument>"
-    )
 
 
 def _in_radians(motion: Path, folder: Path) -> Path:

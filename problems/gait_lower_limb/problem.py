@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from problems.fetch import GAIT10DOF18MUSC, fetch, motion_cache
-from scso_nlp import JointStability, MuscleForceProblem, stability_constrained_static_optimization
-from scso_nlp.opensim.engine import load_motion
+from problems.fetch import GAIT10DOF18MUSC, fetch
+from problems.motions import stable_problem
+from scso_nlp import JointStability, MuscleForceProblem
 
 #: Joints with stability rows, about the flexion axis: what muscles of a planar model can act on.
 JOINTS = ("knee_r", "ankle_r", "knee_l", "ankle_l")
@@ -35,16 +35,13 @@ def make_problem(q: float = 5.0, step_interval: int = 1) -> MuscleForceProblem:
         The data cannot be fetched.
     """
     folder = fetch(GAIT10DOF18MUSC)
-    stability = JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT)
-    motion = load_motion(
+    return stable_problem(
+        JointStability(q=q, joints=JOINTS, axes=("z",), soft=SOFT),
         model=folder / "gait10dof18musc_simbody.osim",
         coordinates=folder / "subject01_walk_IK.mot",
         external_loads=folder / "subject01_walk_grf.xml",
         actuators=(folder / "gait10dof18musc_Strong_actuators.xml",),
         lowpass_cutoff_frequency=CUTOFF,
         step_interval=step_interval,
-        prepare_for=[stability],
         name="gait_lower_limb",
-        cache=motion_cache(),
     )
-    return stability_constrained_static_optimization(motion, stability=stability)

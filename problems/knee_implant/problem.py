@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.io import loadmat
 
-from problems.fetch import KNEE_IMPLANT, fetch, motion_cache
-from scso_nlp import CoordinateStability, MuscleForceProblem, Solution, static_optimization
+from problems.fetch import KNEE_IMPLANT
+from problems.motions import folder_of, stable_problem
+from problems.opensim_files import with_data
+from scso_nlp import CoordinateStability, MuscleForceProblem, Solution
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.exceptions import NameMismatchError
-from scso_nlp.opensim.engine import load_motion
 from scso_nlp.validation import FloatArray
 
 #: Trials of the data set that are used.
@@ -62,18 +60,15 @@ def make_problem(
     DataError
         The data cannot be fetched.
     """
-    folder = _data(trial)
-    stability = CoordinateStability(q=q, coordinates=COORDINATES, soft=SOFT)
-    text = (folder / "ExternalLoads.xml").read_text(encoding="utf-8")
-    forces = (folder / f"{trial}_kinetics.mot").resolve()
+    folder = folder_of(trial, TRIALS, KNEE_IMPLANT)
     with tempfile.TemporaryDirectory() as scratch:
         loads = Path(scratch) / "loads.xml"
         # the data's own names a file that is not there
-        loads.write_text(
-            re.sub("<datafile>.*?</datafile>", lambda _: f"<datafile>{forces}</datafile>", text),
-            encoding="utf-8",
-        )
-        motion = load_motion(
+        text = with_data(folder / "ExternalLoads.xml", folder / f"{trial}_kinetics.mot")
+        loads.write_text(text, encoding="utf-8")
+        return stable_problem(
+            CoordinateStability(q=q, coordinates=COORDINATES, soft=SOFT),
+            prepare_for=prepare_for,
             model=folder / "Rajagopal2015-scaled.osim",
             coordinates=folder / f"{trial}.mot",
             external_loads=loads,
@@ -82,12 +77,8 @@ def make_problem(
             step_interval=step_interval,
             keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
             joint_reactions=(KNEE,),
-            prepare_for=[stability, *prepare_for],
             name=trial,
-            cache=motion_cache(),
         )
-    plain = static_optimization(motion)
-    return replace(plain, constraints=(*plain.constraints, stability))
 
 
 def contact_force(solution: Solution) -> FloatArray:
@@ -126,15 +117,9 @@ def measured_force(trial: str = "GC5_ss1") -> FloatArray:
     DataError
         The data cannot be fetched.
     """
-    content = loadmat(_data(trial) / "eTibia_data.mat", simplify_cells=True)
+    content = loadmat(folder_of(trial, TRIALS, KNEE_IMPLANT) / "eTibia_data.mat", simplify_cells=True)
     recorded = content["eTibia_data"]["GC5"]["ngait_og"]
     columns = [str(name) for name in recorded["colheaders"]]
     names = [str(name) for name in recorded["trial_names"]]
     (position,) = (i for i, name in enumerate(names) if f"_{trial.removeprefix('GC5_')}." in name)
     return np.array(recorded["data"][:, columns.index("F_total_magnitude"), position], dtype=float)
-
-
-def _data(trial: str) -> Path:
-    if trial not in TRIALS:
-        raise NameMismatchError(f"unknown trial {trial!r}, expected one of {', '.join(TRIALS)}")
-    return fetch(KNEE_IMPLANT)

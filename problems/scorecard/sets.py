@@ -225,7 +225,8 @@ def _lifts() -> dict[str, StabilityConstraint]:
 
 
 def _lift(trial: str) -> list[Part]:
-    problem = back_lifting.make_problem(trial, step_interval=6, with_curvature=True)
+    whole = HessianStability(coordinates=back_lifting.COORDINATES)
+    problem = back_lifting.make_problem(trial, step_interval=6, prepare_for=[whole])
     motion = problem.motion.trajectory
     moment = motion.generalized_forces[:, motion.coordinates.index(BACK)]
     emg_map = read_emg_map(back_lifting.EMG_MAP)

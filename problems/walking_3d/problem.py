@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from problems.fetch import WALKING3D, fetch, motion_cache
-from scso_nlp import JointStability, MuscleForceProblem, stability_constrained_static_optimization
+from problems.fetch import WALKING3D, fetch
+from problems.motions import stable_problem
+from scso_nlp import JointStability, MuscleForceProblem
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
-from scso_nlp.opensim.engine import load_motion
 
 #: Joints with stability rows: the right leg, over which the EMG was recorded.
 JOINTS = ("walker_knee_r", "ankle_r")
@@ -47,8 +47,9 @@ def make_problem(
         The data cannot be fetched.
     """
     folder = fetch(WALKING3D)
-    stability = JointStability(q=q, joints=JOINTS, axes=("x", "y", "z"), soft=SOFT)
-    motion = load_motion(
+    return stable_problem(
+        JointStability(q=q, joints=JOINTS, axes=("x", "y", "z"), soft=SOFT),
+        prepare_for=prepare_for,
         model=folder / "subject_walk_scaled.osim",
         coordinates=folder / "coordinates.sto",
         external_loads=folder / "grf_walk.xml",
@@ -56,12 +57,9 @@ def make_problem(
         initial_time=INITIAL_TIME,
         final_time=FINAL_TIME,
         step_interval=step_interval,
-        prepare_for=[stability, *prepare_for],
         keep_coupled_speeds=False,  # the motion's patella columns are in degrees, see SOURCE.md
         name="walking_3d",
-        cache=motion_cache(),
     )
-    return stability_constrained_static_optimization(motion, stability=stability)
 
 
 def emg_file() -> Path:

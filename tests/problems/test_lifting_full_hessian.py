@@ -9,7 +9,7 @@ import pytest
 from conic_oracle import smallest_eigenvalue, solve_full_frame
 
 import scso_nlp as scso
-from problems.back_lifting.problem import make_problem, passive_stiffness
+from problems.back_lifting.problem import COORDINATES, make_problem, passive_stiffness
 
 pytestmark = [pytest.mark.opensim, pytest.mark.slow]
 
@@ -20,9 +20,10 @@ OBJECTIVE, EIGENVALUE = 1e-5, 1e-6 * 10.0
 @pytest.fixture(scope="module")
 def lift(shared_data):
     """Five frames of the 15 kg lift, without stability rows."""
+    whole = scso.HessianStability(coordinates=COORDINATES)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SCSO_DATA", str(shared_data))
-        problem = make_problem("stoop15kg", step_interval=100, with_curvature=True)
+        problem = make_problem("stoop15kg", step_interval=100, prepare_for=[whole])
     return dataclasses.replace(problem.without_stability(), muscle_model=scso.NoPhysiology())
 
 
