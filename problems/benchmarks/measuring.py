@@ -46,8 +46,8 @@ RUN = "scso run"
 KEPT, KEPT_BOUNDS = 1e-4, 1e-6
 #: The best answer is one that misses no row by more, if there is one: otherwise it may be below the optimum.
 EXACT = 1e-8
-#: What takes less is measured three times, and the median counts [s].
-SHORT = 1.0
+#: What is short is measured again until this much is spent, five times at most; the median counts [s].
+SHORT = 3.0
 #: Frame by frame takes frames spread evenly of motions that are longer.
 MOST_FRAMEWISE = 1200
 #: Coordinates up to which the Hessian is tried with its Cholesky factor as unknowns too.
@@ -459,8 +459,8 @@ def _moco(folder: Path, scratch: Path) -> Measurement:
     return {**row, "frames": said["points"], "note": note}
 
 
-def _timed(call: Callable[[], _Result], repeats: int = 3) -> tuple[_Result, Measurement]:
-    """Call, three times where that is short; median of wall and of processor time, children included."""
+def _timed(call: Callable[[], _Result], repeats: int = 5) -> tuple[_Result, Measurement]:
+    """Call, up to five times where that is short; median of wall and of processor time, children included."""
     walls, processors = [], []
     for _ in range(repeats):
         started, used = time.perf_counter(), processor_seconds()

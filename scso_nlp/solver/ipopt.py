@@ -57,7 +57,6 @@ _CONFIRMING: dict[str, object] = {
     "warm_start_slack_bound_frac": 1e-14,
     "warm_start_mult_bound_push": 1e-12,
     "mu_strategy": "monotone",
-    "max_iter": 30,
 }
 
 
@@ -116,15 +115,15 @@ class IpoptAnswer:
     iterations: int
 
 
-def compile_ipopt(nlp: Nlp, options: SolverOptions, *, is_confirming: bool = False) -> ca.Function:
+def compile_ipopt(nlp: Nlp, options: SolverOptions, *, confirm_within: int | None = None) -> ca.Function:
     """Make the solver function of a program.
 
     Parameters
     ----------
     nlp : Nlp
     options : SolverOptions
-    is_confirming : bool
-        True for starts with multipliers that are the optimum already, to rounding.
+    confirm_within : int, optional
+        Most iterations for starts with multipliers that are the optimum already, to rounding.
     """
     ipopt: dict[str, object] = {
         "tol": options.tolerance,
@@ -139,9 +138,10 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions, *, is_confirming: bool = Fal
         ipopt |= {"jac_c_constant": "yes", "jac_d_constant": "yes"}
         if nlp.objective_is_quadratic:
             ipopt["hessian_constant"] = "yes"
-    if is_confirming:
+    if confirm_within is not None:
         tolerance = max(options.tolerance, _CONFIRMED)
         ipopt |= _CONFIRMING | {"tol": tolerance, "mu_init": tolerance * _LAST_BARRIER}
+        ipopt["max_iter"] = confirm_within
     if _LOG.isEnabledFor(logging.DEBUG):
         ipopt["print_level"] = 5
     ipopt |= dict(options.ipopt)

@@ -33,6 +33,10 @@ _LEAST_EFFORT = 1e-3
 #: Unknowns of a program that confirms: larger ones leave the processor's cache.
 _CONFIRMED_UNKNOWNS = 2**12
 
+#: Most iterations to confirm a start, and those of frames that could be confirmed one by one: together all of
+#: them take as many as the slowest.
+_TO_CONFIRM, _TO_CONFIRM_TOGETHER = 30, 2
+
 #: Share of the tolerance to which a curved objective of a size near one is solved: small activations, which
 #: hardly change it, move freely within the whole [-].
 _FLATNESS = 1e-5
@@ -115,7 +119,8 @@ def solve_rows(
     if options.presolve:
         run.confirm(options.frames_per_program if together else 1, known)
     if run.waiting.size:
-        run.together() if together else run.one_by_one()
+        # where some were confirmed, the others are difficult, and would make all of their program as slow
+        run.together() if together and not run.has_confirmed else run.one_by_one()
         if not program.is_coupled:
             run.again()
     run.unknowns[sorted(lost)] = np.nan
@@ -152,6 +157,11 @@ class _Run:
         self.bounds = self.program.bounds()
 
     @property
+    def has_confirmed(self) -> bool:
+        """Whether frames, apart from each other, are at their optimum already."""
+        return not self.program.is_coupled and any(s is not None and s.is_solved for s in self.status)
+
+    @property
     def waiting(self) -> IntArray:
         """Frames without a status."""
         return np.array([k for k, status in enumerate(self.status) if status is None], dtype=np.int64)
@@ -179,11 +189,13 @@ class _Run:
         self.scale = FrameScale.of_weights(self.program, 1 / _objective_size(self.program, self.start, ()))
         built: dict[int, tuple[Nlp, ca.Function]] = {}
         most = min(frames_per_program, max(_CONFIRMED_UNKNOWNS // self.program.layout.size, 1))
-        blocks = _equal_blocks(frames, most)
+        frames = frames[np.argsort(exact.worst[frames], kind="stable")]
+        blocks = [np.sort(block) for block in _equal_blocks(frames, most)]
         while blocks:
             block = blocks.pop(0)
             if block.size not in built:
-                built[block.size] = self._build(block.size, is_confirming=True)
+                within = _TO_CONFIRM if block.size == 1 else _TO_CONFIRM_TOGETHER
+                built[block.size] = self._build(block.size, confirm_within=within)
             multipliers = (
                 (-exact.reduced_cost[block] * self.scale.weight[block, None]).ravel(),
                 built[block.size][0].row_multipliers(exact.multipliers, block, self.scale),
@@ -232,7 +244,7 @@ class _Run:
             self.effort.solve_seconds += time.perf_counter() - started
             if found is not None:
                 self.start[block] = found.unknowns.reshape(block.size, -1)
-                solver = compile_ipopt(relatives.nlp, self.options, is_confirming=True)
+                solver = compile_ipopt(relatives.nlp, self.options, confirm_within=_TO_CONFIRM)
                 self._call(relatives.nlp, solver, block, (found.bounds, found.rows))
             elif is_straight and not relatives.are_enough:
                 tolerance = self.options.tolerance
@@ -368,11 +380,11 @@ class _Run:
             self.status[k], worst[k] = Status.SOLVED, found[k]
 
     def _build(
-        self, n_frames: int, *, is_scaled: bool = False, is_confirming: bool = False
+        self, n_frames: int, *, is_scaled: bool = False, confirm_within: int | None = None
     ) -> tuple[Nlp, ca.Function]:
         started = time.perf_counter()
         nlp = build_nlp(self.program, n_frames, is_scaled=is_scaled)
-        solver = compile_ipopt(nlp, self.options, is_confirming=is_confirming)
+        solver = compile_ipopt(nlp, self.options, confirm_within=confirm_within)
         self.effort.build_seconds += time.perf_counter() - started
         return nlp, solver
 
