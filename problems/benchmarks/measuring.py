@@ -140,10 +140,7 @@ def _recorded_motion(
     yield from _whole_runs(case, setup, scratch)
     motion = None
     for kind in case.powers:
-        changes = {**case.changes, **case.extras(kind)}
-        if case.consistent_speeds:
-            changes["keep_coupled_speeds"] = False
-        motion, cost = _timed(lambda changes=changes: scso.load_motion(setup, progress=False, **changes), 1)
+        motion, cost = _timed(lambda kind=kind: recorded(case, setup, kind), 1)
         what = f"extraction, {kind}"
         yield {"what": what, "by": RUN, "frames": motion.n_frames, **cost}
         for power in case.powers[kind]:
@@ -156,6 +153,14 @@ def _recorded_motion(
         yield from _opensim(case, setup, scratch)
     if case.moco and _asked(MOCO, peers):
         yield _moco(setup.parent, scratch)
+
+
+def recorded(case: Case, setup: Path, kind: str) -> scso.Motion:
+    """Extract the motion of a case's setup with what one question about it needs."""
+    changes = {**case.changes, **case.extras(kind)}
+    if case.consistent_speeds:
+        changes["keep_coupled_speeds"] = False
+    return scso.load_motion(setup, progress=False, **changes)
 
 
 def _made_motion(case: Case, peers: frozenset[str] | None) -> Iterator[Measurement]:
@@ -259,8 +264,8 @@ def _question(
     answers: list[_Answer] = []
     every = np.arange(question.n_frames)
     for by, solve in ((TRAJECTORY, scso.solve_trajectory), (FRAMEWISE, scso.solve_framewise)):
-        frames = _spread(question.n_frames, question.n_frames if by == TRAJECTORY else MOST_FRAMEWISE)
-        part = problem if frames.size == every.size else _frames(problem, frames)
+        frames = spread(question.n_frames, question.n_frames if by == TRAJECTORY else MOST_FRAMEWISE)
+        part = problem if frames.size == every.size else frames_of(problem, frames)
         answers.append(_ours(about, by, part, frames, solve))
     for by, form in (forms or {}).items():
         answers.append(_ours(about, by, form, every, scso.solve_trajectory))
@@ -271,7 +276,7 @@ def _question(
         if not peer.is_installed:
             answers.append(_Answer({**row, "note": 'not installed: pip install ".[benchmark]"'}))
             continue
-        frames = _spread(question.n_frames, peer.most_unknowns // len(question.lower))
+        frames = spread(question.n_frames, peer.most_unknowns // len(question.lower))
         some = question.frames(frames)
         try:
             x, cost = _timed(lambda peer=peer, some=some: peer.solve(some))
@@ -504,11 +509,13 @@ def _asked(name: str, peers: frozenset[str] | None) -> bool:
     return peers is None or name in peers
 
 
-def _spread(n: int, most: int) -> IntArray:
+def spread(n: int, most: int) -> IntArray:
+    """Choose some of n frames, evenly, the first and the last among them."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
 
 
-def _frames(problem: scso.MuscleForceProblem, frames: IntArray) -> scso.MuscleForceProblem:
+def frames_of(problem: scso.MuscleForceProblem, frames: IntArray) -> scso.MuscleForceProblem:
+    """Ask about some frames only."""
     return replace(problem, motion=problem.motion.frames(frames))
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import scso_nlp as scso
 from problems.benchmarks import __main__ as command
-from problems.benchmarks import measuring, page
+from problems.benchmarks import measuring, page, same_answers
 from problems.benchmarks.cases import CASES, FULL, SCSO, SO, Case, synthetic
 from problems.benchmarks.history.solve import Solve
 from problems.benchmarks.peers import PEERS, Peer
@@ -221,6 +221,18 @@ def test_the_cases_kept_over_commits_are_solved():
         small.time_static_optimization(motion, power)
         small.time_stable(motion, power)
         small.peakmem_stable(motion, power)
+
+
+def test_the_fast_path_is_where_a_cold_start_ends(tmp_path, capsys):
+    written = tmp_path / "table.md"
+    assert same_answers.main(["--cases", "synthetic_smallest", "--frames", "4", "--output", str(written)]) == 0
+    assert written.read_text(encoding="utf-8") == capsys.readouterr().out
+    rows = [line.strip("| \n").split(" | ") for line in written.read_text(encoding="utf-8").splitlines()[2:]]
+    assert [row[2] for row in rows] == ["2", "3", "10", "inf"] * 2 + ["2"]
+    for *_, power, frames, lost, apart, above, _ in rows:
+        assert (frames, lost) == ("4", "0")
+        assert float(above) < 1e-8
+        assert float(apart) < 1e-6 if power in ("2", "3") else apart == "nan"
 
 
 def test_every_case_says_what_it_is():
