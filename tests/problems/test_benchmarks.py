@@ -225,7 +225,8 @@ def test_the_cases_kept_over_commits_are_solved():
 
 def test_the_fast_path_is_where_a_cold_start_ends(tmp_path, capsys):
     written = tmp_path / "table.md"
-    assert same_answers.main(["--cases", "synthetic_smallest", "--frames", "4", "--output", str(written)]) == 0
+    words = ["--cases", "synthetic_smallest", "--frames", "4", "--output", str(written)]
+    assert same_answers.main(words) == 0
     assert written.read_text(encoding="utf-8") == capsys.readouterr().out
     rows = [line.strip("| \n").split(" | ") for line in written.read_text(encoding="utf-8").splitlines()[2:]]
     assert [row[2] for row in rows] == ["2", "3", "10", "inf"] * 2 + ["2"]
