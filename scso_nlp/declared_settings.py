@@ -334,6 +334,8 @@ SETTINGS = {setting.name: setting for setting in (
     Setting("joint_reaction_cone", CONES, PROBLEM, example='{ "shoulder" = [0.0, 0.0, -1.0, 0.5] }',
         default="none", help="Cone that the force of a joint on its parent stays in, by name or pattern: its "
         "axis in the parent, into the socket, and its slope, the largest shear over compression"),
+    Setting("joint_reaction_soft", NUMBER, PROBLEM, unit="objective per N", example="0.001",
+        default="they may not", help="Let limits and cones of joint reactions be missed, at this price"),
     Setting("stability", _one_of("off", *STABILITY_METHODS), STABILITY, place="run.stability",
         example='"potvin-brown"', default="off", is_filled_in=True, help="Stability about joint axes "
         "(potvin-brown), along coordinates (diagonal), or of their whole Hessian (full)"),

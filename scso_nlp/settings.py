@@ -144,6 +144,8 @@ class RunSettings:
         As `largest` of :class:`~scso_nlp.JointReactionLimit`.
     joint_reaction_cone : mapping of str to (x, y, z, slope), or None
         Axis and slope of a :class:`~scso_nlp.JointReactionCone` by joint or pattern.
+    joint_reaction_soft : float or None [objective per N]
+        Price at which these limits and cones may be missed.
     muscle_model : "opensim-rigid", "physical-rigid", "compliant" or "none"
         Force-length-velocity as OpenSim's static optimization has it, with the textbook's rigid tendon, or
         with elastic tendons; or force proportional to activation.
@@ -170,6 +172,7 @@ class RunSettings:
     joint_reaction_effort: float | Mapping[str, float] | None = None
     joint_reaction_limit: float | str | Mapping[str, float | str] | None = None
     joint_reaction_cone: Mapping[str, Sequence[float]] | None = None
+    joint_reaction_soft: float | None = None
     muscle_model: str = "opensim-rigid"
     stability: StabilityConstraint | None = None
     emg: EmgSettings = field(default_factory=EmgSettings)
@@ -185,6 +188,10 @@ class RunSettings:
                 raise ProblemError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}")
         for part in (self.motion.name, self.analysis_name):
             check_name(part)
+        if self.joint_reaction_soft is not None and not (
+            self.joint_reaction_limit or self.joint_reaction_cone
+        ):
+            raise ProblemError("joint_reaction_soft needs joint_reaction_limit or joint_reaction_cone")
         ActivationEffort(exponent=self.exponent, weights=self.weights)
         coupled = [term.name for term in self.terms if isinstance(term, FramePairConstraint)]
         if coupled and self.solver == "framewise":
@@ -216,13 +223,13 @@ class RunSettings:
             terms.append(ActivationRate(bounds=self.activation_rate))
         if self.activation_dynamics:
             terms.append(ActivationDynamics())
-        limit = self.joint_reaction_limit
+        limit, soft = self.joint_reaction_limit, self.joint_reaction_soft
         if limit is not None:
             joints = tuple(limit) if isinstance(limit, Mapping) else None
-            terms.append(JointReactionLimit(largest=limit, joints=joints))
+            terms.append(JointReactionLimit(largest=limit, joints=joints, soft=soft))
         for joint, (*axis, slope) in (self.joint_reaction_cone or {}).items():
             label = f"JointReactionCone_{joint}"
-            terms.append(JointReactionCone(joints=[joint], axis=axis, slope=slope, label=label))
+            terms.append(JointReactionCone(joints=[joint], axis=axis, slope=slope, soft=soft, label=label))
         return (*terms, *self.emg.constraints)
 
     @property

@@ -99,6 +99,7 @@ ARRIVES = {
     "joint_reaction_effort": ("a=.1, b_*=2", '{ "a" = 0.1, "b_*" = 2 }', {"a": 0.1, "b_*": 2.0}),
     "joint_reaction_limit": ("a=2500, b_*=3BW", '{ "a" = 2500, "b_*" = "3BW" }', {"a": 2500.0, "b_*": "3BW"}),
     "joint_reaction_cone": ("a=0 0 -1 .5", '{ "a" = [0, 0, -1, 0.5] }', {"a": [0.0, 0.0, -1.0, 0.5]}),
+    "joint_reaction_soft": (".01", "0.01", 0.01),
     "stability": ("full", '"full"', "full"),
     "q": ("*=5, RA_*=1e1", '{ "*" = 5, "RA_*" = 10.0 }', {"*": 5.0, "RA_*": 10.0}),
     "level": ("3", "3", 3.0),
@@ -145,6 +146,8 @@ def beside(name, folder):
     laws = {"half_force": "falling", "tendon_compliance": "short-range"}
     if name in laws:
         lines["stiffness"] = f'"{laws[name]}"'
+    if name == "joint_reaction_soft":
+        lines["joint_reaction_limit"] = "'3BW'"
     if not SETTINGS[name].place.startswith("emg."):
         return lines
     rows = "".join(f"{k / 1000},{k % 7 / 7}\n" for k in range(1000))
@@ -343,14 +346,14 @@ def test_terms_of_joint_reactions_are_described_by_settings(tmp_path):
             "joint_reaction_effort": "a=.1,b=2",
             "joint_reaction_limit": "a=3BW",
             "joint_reaction_cone": "a=0 0 -1 .5, b=0 1 0 1",
+            "joint_reaction_soft": ".01",
         },
     )
     effort = scso.JointReactionEffort(joints=("a", "b"), weights={"a": 0.1, "b": 2.0})
-    limit = scso.JointReactionLimit(joints=("a",), largest={"a": "3BW"})
-    cones = [
-        scso.JointReactionCone(joints=("a",), axis=(0, 0, -1), slope=0.5, label="JointReactionCone_a"),
-        scso.JointReactionCone(joints=("b",), axis=(0, 1, 0), slope=1.0, label="JointReactionCone_b"),
-    ]
+    limit = scso.JointReactionLimit(joints=("a",), largest={"a": "3BW"}, soft=0.01)
+    about_a = scso.JointReactionCone(joints=("a",), axis=(0, 0, -1), slope=0.5, label="JointReactionCone_a")
+    about_b = scso.JointReactionCone(joints=("b",), axis=(0, 1, 0), slope=1.0, label="JointReactionCone_b")
+    cones = [replace(cone, soft=0.01) for cone in (about_a, about_b)]
     assert by_name.terms == (effort, limit, *cones)
     of_all, _ = read_settings(with_setup(tmp_path, "joint_reaction_effort = 1\njoint_reaction_limit = '3BW'"))
     assert of_all.terms == (scso.JointReactionEffort(), scso.JointReactionLimit(largest="3BW"))
@@ -519,6 +522,7 @@ def test_the_settings_of_every_example_are_read(name):
             DataError,
             r"is {'a': \[0, 0, 1\]}, expected a table { \"name\" = \[x, y, z, slope\]",
         ),
+        ("joint_reaction_soft = 1", ProblemError, "needs joint_reaction_limit or joint_reaction_cone"),
         ("a = ", FileFormatError, "is not TOML"),
     ],
 )
