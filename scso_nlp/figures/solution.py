@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -170,10 +170,7 @@ def plot_moments(
     if "reserves" in values:
         shares = dict(zip(balance.coordinates, map(_percent, balance.actuator_share), strict=True))
         panels = tuple(
-            replace(
-                panel, note=f"reserves, RMS: {', '.join(shares[name] for name in panel.members.values())}"
-            )
-            for panel in panels
+            replace(panel, note=f"reserves, RMS: {_by_side(panel.members, shares)}") for panel in panels
         )
     return plot_quantity(
         series, quantity="moment", panels=panels, notes=notes, width=width,
@@ -349,6 +346,12 @@ def role_labels(solution: Solution, baseline: Solution | None) -> tuple[str, str
         return "solution", "baseline"
     plain, stable = "static optimization", "with stability rows"
     return (stable, plain) if own else (plain, stable)
+
+
+def _by_side(members: Mapping[str, str], shares: Mapping[str, str]) -> str:
+    """Write the share of each side, which no line break parts from its side."""
+    words = (f"{side} {shares[name]}".strip() for side, name in members.items())
+    return ", ".join(text.replace(" ", "\u00a0") for text in words)
 
 
 def _percent(share: float) -> str:

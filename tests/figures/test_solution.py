@@ -72,8 +72,16 @@ def test_required_muscle_and_reserve_moment_are_drawn_with_the_reserve_share():
         np.testing.assert_array_equal(drawn["required"].get_ydata(), required)
         np.testing.assert_allclose(drawn["muscles"].get_ydata(), 0.9 * required, atol=1e-12)
         np.testing.assert_allclose(drawn["reserves"].get_ydata(), 0.1 * required, atol=1e-12)
-        assert panel.get_title(loc="left") == f"hinge_{c}\nreserves, RMS: 10 %"
+        assert panel.get_title(loc="left") == f"hinge_{c}\nreserves, RMS: 10\u00a0%"
     assert figure.get_supylabel() == "Moment [N·m]"
+
+
+def test_reserve_shares_of_both_sides_are_told_apart_and_keep_their_unit_on_the_line():
+    solution = solution_by_hand(n_pairs=2)
+    balance = replace(solution.moment_balance, coordinates=("knee_r", "knee_l"))
+    (panel,) = plot_moments(replace(solution, moment_balance=balance)).axes
+    lines_of_title = panel.get_title(loc="left").split("\n")
+    assert " ".join(lines_of_title) == "knee reserves, RMS: right\u00a010\u00a0%, left\u00a010\u00a0%"
 
 
 def test_stability_is_drawn_over_the_shade_of_what_is_below_its_level():
@@ -181,7 +189,7 @@ def test_moments_of_which_reserves_carry_little_are_told_in_a_sentence():
     )  # fmt: skip
     solution = replace(solution, moment_balance=balance)
     figure = plot_moments(solution)
-    assert [panel.get_title(loc="left") for panel in figure.axes] == ["hinge_0\nreserves, RMS: 10 %"]
+    assert [panel.get_title(loc="left") for panel in figure.axes] == ["hinge_0\nreserves, RMS: 10\u00a0%"]
     told = " ".join(figure.texts[-1].get_text().split())
     assert told.startswith(
         "Reserves carry at most 4 % of the peak moment of hinge_1. Actuators alone move hinge_2"
