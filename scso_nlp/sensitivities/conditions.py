@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from scso_nlp.sensitivities.kept_bounds import bounds_kept_by_rows
 from scso_nlp.solution import Solution
 from scso_nlp.solver.judge import unknowns_of
 from scso_nlp.transcription.by_data import MULTIPLIERS, weighted
@@ -228,8 +229,10 @@ class Conditions:
         """
         nothing = np.zeros(self.n, dtype=bool)
         self.is_kink, self.is_singular, gone = nothing.copy(), nothing.copy(), ~self.usable
+        self._put_on_bounds()
+        self._look(choose=False)
+        parts, is_exact = self._hessian(), False
         for _ in range(_MOST_STEPS):
-            parts = self._hessian()
             broken = self._broken_frames(parts)
             gone, self.is_singular = gone | broken, self.is_singular | broken
             self.linear = self._linear(parts, ~gone)
@@ -238,17 +241,23 @@ class Conditions:
             self.is_singular |= bad
             gone = gone | bad
             moved = self._step(self.linear.solve(-self.linear.left), ~gone)
-            if not (moved[~gone] > _ARRIVED).any():
-                break
             self._look(choose=False)
-        self.is_singular |= ~gone & (moved > _ARRIVED)
-        self._look(choose=False)
-        if self.models:  # their rows belong to a basis
-            self.linear = self._linear(self._hessian(), ~gone)
+            before, parts = parts, self._hessian()
+            is_exact = self._is_quadratic(before, parts)
+            if is_exact or not (moved[~gone] > _ARRIVED).any():
+                break
+        if not is_exact:  # the equations are those of a point a little off
+            self.is_singular |= ~gone & (moved > _ARRIVED)
+            self.linear = self._linear(parts, ~gone)
         self.is_kink = self.usable & ~self.is_singular & ~self._is_strict()
         self.is_regular = self.usable & ~self.is_singular & ~self.is_kink
         if self.is_coupled and not self.is_regular.all():
             self.is_regular = nothing
+
+    def _is_quadratic(self, before: Sequence[Part], after: Sequence[Part]) -> bool:
+        """Tell whether a step has not changed the equations: it ends at the exact optimum."""
+        same = all(np.array_equal(a[0], b[0], equal_nan=True) for a, b in zip(before, after, strict=True))
+        return same and not self.curved and not self.models
 
     def _look(self, *, choose: bool) -> None:
         """Evaluate rows, slopes and matrices at the point; choose what is active, or keep it."""
@@ -343,12 +352,20 @@ class Conditions:
         self.at_bound[is_open & ((-push > near_upper) | (near_upper <= _AT_BOUND))] = 1
         self.at_rest = is_open & (self.rise == 0) & ((x == lower) | (x == upper))
         self.at_bound[self.at_rest] = 2
+        keeper = bounds_kept_by_rows(self.program, (self.at_bound == 0).reshape(self.n, -1))
+        keeper = keeper.reshape(2, -1)
+        self.bounds = (np.where(keeper[0] < 0, lower, -np.inf), np.where(keeper[1] < 0, upper, np.inf))
+        side, kept = np.nonzero((self.at_bound == [[-1], [1]]) & (keeper >= 0))
+        self.at_bound[kept] = 0
+        keeping = self.first[1] + (frame[kept] - 1) * self.n_rows[1] + keeper[side, kept]
         lam = self.point.row
         strength, near_lower, near_upper = self._strengths()
         self.at_row = np.where(self.row_lower == self.row_upper, 2, 0)
         is_open = (self.row_lower < self.row_upper) & ~self.is_empty
         self.at_row[is_open & (lam < 0) & (strength > near_lower)] = -1
         self.at_row[is_open & (lam > 0) & (strength > near_upper)] = 1
+        keeping = keeping[self.at_row[keeping] == 0]
+        self.at_row[keeping] = np.where(near_lower[keeping] < near_upper[keeping], -1, 1)
         # bounds keep rows without free unknowns; their multipliers, which are not unique, stay what they are
         free = sp.diags((self.at_bound == 0).astype(float))
         self.is_implied = is_open & ((abs(self.slope) @ free).sum(axis=1).A1 == 0)
@@ -497,18 +514,20 @@ class Conditions:
         unknowns[self.linear.free], rows[self.linear.rows] = np.split(found, [self.linear.free.size])
         return unknowns, rows
 
+    def _put_on_bounds(self) -> None:
+        """Put unknowns that solvers have left a little off their bounds onto these."""
+        lower, upper = self.bounds
+        x = self.point.x.ravel()
+        x = np.where(self.at_bound == -1, lower, np.where(self.at_bound == 1, upper, x))
+        self.point.x = x.reshape(self.n, self.size)
+
     def _step(self, step: FloatArray, alive: BoolArray) -> FloatArray:
         """Move to the point that the equations say; give how far each frame has moved, shape (n_frames,)."""
         move, change = self.spread(np.nan_to_num(step))
-        x = self.point.x.ravel()
-        lower, upper = self.bounds
-        x = np.where(self.at_bound == -1, lower, np.where(self.at_bound == 1, upper, x)) + move
-        frame = np.repeat(alive, self.size)
-        moved = np.where(frame, x, self.point.x.ravel()).reshape(self.n, self.size)
-        size = np.abs(moved).max(axis=1, initial=0.0)
-        change_of_x = moved - self.point.x
-        far = np.abs(change_of_x).max(axis=1, initial=0.0) / np.maximum(size, _TINY)
-        self.point.x = moved
+        change_of_x = np.where(alive[:, None], move.reshape(self.n, self.size), 0.0)
+        self.point.x = self.point.x + change_of_x
+        size = np.maximum(np.abs(self.point.x).max(axis=1, initial=0.0), _TINY)
+        far = np.abs(change_of_x).max(axis=1, initial=0.0) / size
         own = self.frame_of_row.size
         self.point.row = self.point.row + np.where(alive[self.frame_of_row], change[:own], 0.0)
         for i, (model, turned) in enumerate(zip(self.models, self.turned, strict=True)):
@@ -519,7 +538,7 @@ class Conditions:
                 model, turned, change[own : own + n_all], entries
             )
             own += n_all
-        return far
+        return np.asarray(far)
 
     def multiplier_change(
         self, model: MatrixModel, turned: Turned, rows: FloatArray, entries: FloatArray
@@ -559,12 +578,14 @@ def _dense_rows(rows: FloatArray) -> sp.csr_matrix:
 
 def _equilibrated(matrix: sp.csr_matrix) -> FloatArray:
     """Scale of rows and columns with which the largest entry of each is near one (Ruiz 2001)."""
-    entries = abs(matrix).tocsr()
-    scale = np.ones(matrix.shape[0])
+    length = np.diff(matrix.indptr)
+    start, row = matrix.indptr[:-1][length > 0], np.repeat(np.arange(length.size), length)
+    entries, scale = np.abs(matrix.data), np.ones(length.size)
     for _ in range(5):
-        largest = entries.max(axis=1).toarray().ravel()
+        largest = np.zeros(length.size)
+        if start.size:
+            largest[length > 0] = np.maximum.reduceat(entries, start)
         factor = 1 / np.sqrt(np.where(largest > 0, largest, 1.0))
         scale *= factor
-        entries = sp.diags(factor) @ entries @ sp.diags(factor)
-        entries = entries.tocsr()
+        entries *= factor[row] * factor[matrix.indices]
     return scale

@@ -111,6 +111,23 @@ def test_a_linear_cost_with_two_equal_muscles_is_singular():
     assert np.isnan(change.activation).all()
 
 
+def test_muscles_that_fall_as_fast_as_they_may_towards_their_bound_have_derivatives():
+    """They come nearer to it than numbers tell apart; a(k + 1)(1 + h) = a(k)(1 - h) with h = dt/2 tau."""
+    moments = np.concatenate([np.full(4, 60.0), np.full(116, -5.0)])
+    problem = elbow(moments, reserve=10.0)
+    problem = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
+    change = scso.sensitivity(scso.solve_trajectory(problem), ["generalized_forces[q1]"])
+    assert change.is_regular.all()
+    assert 0 < np.abs(change.solution.activation[-1]).max() < 1e-9
+    found, ratio = change.activation[:, 0], (1 - 0.125) / (1 + 0.125)
+    assert (found[6] > 1e-4).all()
+    np.testing.assert_allclose(found[7:], ratio * found[6:-1], rtol=1e-6)
+    below, above = (
+        optimum(changed(problem, change.parameters[0], h)).values["activation"] for h in (-1e-3, 1e-3)
+    )
+    np.testing.assert_allclose(found, (above - below) / 2e-3, rtol=1e-6, atol=1e-6 * found.max())
+
+
 def test_a_frame_that_is_not_solved_is_told_and_the_others_have_their_derivatives():
     problem = elbow([60.0, 500.0, 30.0])
     solution = scso.solve_trajectory(problem, on_failure="return")
