@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.frames import HorizontalAxis
 from scso_nlp.figures.grid import add_legend, panel_grid
-from scso_nlp.figures.quantity import QUANTITIES, shade_unstable, widen
+from scso_nlp.figures.quantity import known_quantity, shade_unstable, widen
 from scso_nlp.figures.series import Series, chosen, most_telling
 from scso_nlp.figures.style import CURVE, TWO_COLUMNS, literal, series_style
 from scso_nlp.validation import FloatArray, read_only
@@ -74,11 +74,8 @@ def plot_bands(
     names : str
         Names or patterns, separated by commas; by default those that differ most between conditions, of
         stability those with the least margin.
-    width : float [mm]
-        Of the figure on the page.
-    heading : str
-    notes : sequence of str
-        Sentences below the panels.
+    width, heading, notes
+        As for :func:`~scso_nlp.figures.plot_quantity`.
     horizontal : HorizontalAxis, optional
         In place of the cycle.
 
@@ -96,9 +93,7 @@ def plot_bands(
     """
     if not bands:
         raise DataError("no band to draw, expected at least one")
-    if quantity not in QUANTITIES:
-        raise DataError(f"the quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}")
-    what, means = QUANTITIES[quantity], [band.mean for band in bands]
+    what, means = known_quantity(quantity), [band.mean for band in bands]
     shown = _names(means, chosen(what.kind, names, means) if names else ())
     units = dict.fromkeys(
         unit for mean in means for name, unit in zip(mean.names, mean.units, strict=True) if name in shown

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from scso_nlp.arguments import checked
-from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
+from scso_nlp.figures.frames import HorizontalAxis
 from scso_nlp.figures.quantity import plot_quantity
 from scso_nlp.figures.series import Series
-from scso_nlp.figures.solution import role_labels
-from scso_nlp.figures.style import BASELINE, RESULT, TWO_COLUMNS, SeriesStyle
+from scso_nlp.figures.solution import beside, table_series
+from scso_nlp.figures.style import TWO_COLUMNS
 from scso_nlp.solution import Solution
-from scso_nlp.trajectory import require_same_motion
 
 
 @checked
@@ -58,27 +56,13 @@ def plot_joint_reactions(
     >>> carried = scso.solve_trajectory(scso.static_optimization(elbow))
     >>> figure = scso.plot_joint_reactions(carried)
     """
-    trajectory = solution.problem.motion.trajectory
-    label, other = role_labels(solution, baseline)
-    both = [_series(solution, label, RESULT)]
-    if baseline is not None:
-        require_same_motion({"solution": trajectory, "baseline": baseline.problem.motion.trajectory})
-        both.insert(0, _series(baseline, other, BASELINE))
     return plot_quantity(
-        both, quantity="reaction", names=joints, width=width, heading=f"{trajectory.name}: joint reactions",
-        horizontal=horizontal,
+        beside(solution, baseline, _series), quantity="reaction", names=joints, width=width,
+        heading=f"{solution.problem.motion.name}: joint reactions", horizontal=horizontal,
     )  # fmt: skip
 
 
-def _series(solution: Solution, label: str, look: SeriesStyle) -> Series:
-    trajectory, found = solution.problem.motion.trajectory, solution.joint_reactions()
+def _series(solution: Solution, label: str) -> Series:
+    found = solution.joint_reactions()
     forces = found.resultant / found.body_weight
-    return Series(
-        label=label,
-        time=trajectory.time,
-        names=found.joints,
-        values=np.where(solution.is_solved[:, None], forces, np.nan),
-        units=("BW",),
-        are_tasks=trajectory.is_at_rest and trajectory.n_frames <= FEW_FRAMES,
-        look=look,
-    )
+    return table_series(solution, label, found.joints, forces, ("BW",))

@@ -52,7 +52,7 @@ class Quantity:
     has_one_scale: bool = False
 
 
-#: All quantities, by the word that a user says.
+#: What can be asked for, by the word that a user says.
 QUANTITIES = {
     "activation": Quantity(word="Activation", kind="muscle", has_one_scale=True),
     "force": Quantity(word="Tendon force", kind="muscle"),
@@ -60,7 +60,6 @@ QUANTITIES = {
     "margin": Quantity(word="Margin", kind="stability row"),
     "reaction": Quantity(word="Joint reaction", kind="joint reaction"),
     "moment": Quantity(word="Moment", kind="coordinate"),
-    "shortfall": Quantity(word="Shortfall", kind="row"),
 }
 #: What is this near to its highest value is saturated [-].
 SATURATED = 1e-3
@@ -79,7 +78,7 @@ PANELS_PER_PAGE = 40
 def plot_quantity(
     series: Sequence[Series],
     *,
-    quantity: str = "activation",
+    quantity: str | Quantity = "activation",
     names: str = "",
     panels: Sequence[Sided] = (),
     percent: bool = False,
@@ -96,8 +95,8 @@ def plot_quantity(
     ----------
     series : sequence of Series
         One per result, or per part of a result; the first is what others are compared with.
-    quantity : str
-        One of :data:`QUANTITIES`.
+    quantity : str or Quantity
+        One of :data:`QUANTITIES`, or another.
     names : str
         Names or patterns, separated by commas; by default the twelve panels that tell most, see
         :func:`~scso_nlp.figures.series.most_telling`.
@@ -131,9 +130,7 @@ def plot_quantity(
     """
     if not series:
         raise DataError("no result to draw, expected at least one")
-    if quantity not in QUANTITIES:
-        raise DataError(f"the quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}")
-    what = QUANTITIES[quantity]
+    what = quantity if isinstance(quantity, Quantity) else known_quantity(quantity)
     are_tasks = bool(tasks) or (horizontal is None and all(each.are_tasks for each in series))
     if are_tasks and (percent or events):
         raise DataError(
@@ -178,6 +175,13 @@ def plot_quantity(
             _name_tasks(axis, tasks)
     add_legend(figure, _entries(figure, courses, shown, looks, are_tasks=are_tasks), notes=notes)
     return figure
+
+
+def known_quantity(word: str) -> Quantity:
+    """Find the quantity of a word; DataError where there is none."""
+    if word not in QUANTITIES:
+        raise DataError(f"the quantity is {word!r}, expected one of {', '.join(QUANTITIES)}")
+    return QUANTITIES[word]
 
 
 def quantity_pages(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +16,7 @@ from scso_nlp.figures.frames import FEW_FRAMES, HorizontalAxis
 from scso_nlp.figures.moments import folded
 from scso_nlp.figures.quantity import of_how_many, plot_quantity, quantity_pages
 from scso_nlp.figures.series import Series, chosen
-from scso_nlp.figures.style import BASELINE, MARK, REQUIRED, RESULT, TWO_COLUMNS, SeriesStyle
+from scso_nlp.figures.style import MARK, REQUIRED, RESULT, TWO_COLUMNS, SeriesStyle
 from scso_nlp.solution import Solution
 from scso_nlp.trajectory import require_same_motion
 from scso_nlp.validation import FloatArray
@@ -113,7 +115,8 @@ def activation_pages(solution: Solution, *, baseline: Solution | None = None) ->
         As for :func:`plot_activations`.
     """
     heading = f"{solution.problem.motion.name}: activations"
-    return quantity_pages(_both(solution, baseline, "activation"), heading=heading)
+    both = beside(solution, baseline, partial(series_of, quantity="activation"))
+    return quantity_pages(both, heading=heading)
 
 
 @checked
@@ -161,7 +164,7 @@ def plot_moments(
     if solution.control.shape[1] == 0:
         del values["reserves"]
     series = [
-        _series(solution, label, balance.coordinates, table, balance.unit, look=look[label])
+        table_series(solution, label, balance.coordinates, table, balance.unit, look=look[label])
         for label, table in values.items()
     ]
     panels, notes = folded(series[0], series[1])
@@ -223,11 +226,11 @@ def plot_stability(
     if own is None:
         raise DataError(f"the solution of {name!r} has no stability rows, expected a stability constraint")
     label, baseline_label = role_labels(solution, baseline)
-    series = [_stability(solution, label, RESULT)]
+    series = [series_of(solution, "stability", label)]
     if baseline is not None:
         _require_same(solution, baseline)
         if baseline.stability is not None and baseline.stability.rows == own.rows:
-            series.insert(0, _stability(baseline, baseline_label, BASELINE))
+            series.insert(0, series_of(baseline, "stability", baseline_label))
     return plot_quantity(
         series, quantity="stability", names=rows, width=width, heading=f"{name}: joint stability",
         horizontal=horizontal,
@@ -256,13 +259,13 @@ def series_of(solution: Solution, quantity: str, label: str) -> Series:
     """
     muscles = solution.problem.motion.muscles
     if quantity == "activation":
-        return _series(
+        return table_series(
             solution, label, muscles.muscles, solution.activation, ("-",), highest=muscles.max_activation
         )
     if quantity == "force":
-        return _series(solution, label, muscles.muscles, solution.tendon_force, ("N",))
+        return table_series(solution, label, muscles.muscles, solution.tendon_force, ("N",))
     if quantity == "stability" and (margin := solution.stability) is not None:
-        return _series(solution, label, margin.rows, margin.stability, ("N·m/rad",), level=margin.level)
+        return table_series(solution, label, margin.rows, margin.stability, ("N·m/rad",), level=margin.level)
     raise DataError(f"the solution {label!r} has no {quantity}, expected activation, force or stability")
 
 
@@ -275,38 +278,43 @@ def _of_muscles(
     width: float,
     horizontal: HorizontalAxis | None,
 ) -> Figure:
-    both = _both(solution, baseline, quantity)
+    both = beside(solution, baseline, partial(series_of, quantity=quantity))
     heading = f"{solution.problem.motion.name}: {plural}{'' if muscles else of_how_many(both)}"
     return plot_quantity(
         both, quantity=quantity, names=muscles, width=width, heading=heading, horizontal=horizontal
     )
 
 
-def _both(solution: Solution, baseline: Solution | None, quantity: str) -> list[Series]:
+def beside(solution: Solution, baseline: Solution | None, take: Callable[..., Series]) -> list[Series]:
+    """Take a series of a solution and, before it, one of its baseline; `take` gets the label by name."""
     label, baseline_label = role_labels(solution, baseline)
-    found = [series_of(solution, quantity, label)]
+    found = [take(solution, label=label)]
     if baseline is not None:
         _require_same(solution, baseline)
-        found.insert(0, series_of(baseline, quantity, baseline_label))
+        found.insert(0, take(baseline, label=baseline_label))
     return found
 
 
-def _stability(solution: Solution, label: str, look: SeriesStyle) -> Series:
-    return replace(series_of(solution, "stability", label), look=look)
-
-
-def _series(
+def table_series(
     solution: Solution,
     label: str,
     names: Sequence[str],
     values: FloatArray,
     units: Sequence[str],
-    *,
-    level: FloatArray | None = None,
-    highest: FloatArray | None = None,
-    look: SeriesStyle | None = None,
+    **more: Any,
 ) -> Series:
-    """Make a series of a table, shape (n_frames, n_names); frames that are not solved are blank."""
+    """Make a series of a table; frames that are not solved are blank.
+
+    Parameters
+    ----------
+    solution : Solution
+    label, names, values, units, **more
+        As for :class:`~scso_nlp.figures.Series`; what is `more`, too.
+
+    Returns
+    -------
+    Series
+    """
     trajectory = solution.problem.motion.trajectory
     return Series(
         label=label,
@@ -314,10 +322,8 @@ def _series(
         names=tuple(names),
         values=np.where(solution.is_solved[:, np.newaxis], values, np.nan),
         units=tuple(units),
-        level=level,
-        highest=highest,
         are_tasks=trajectory.is_at_rest and trajectory.n_frames <= FEW_FRAMES,
-        look=look,
+        **more,
     )
 
 

@@ -20,7 +20,7 @@ from scso_nlp.emg.comparison import Comparison, ComparisonRow, format_number
 from scso_nlp.emg.motion_result import MotionResult
 from scso_nlp.exceptions import DataError
 from scso_nlp.figures.comparison import are_tasks, plot_activity, plot_mean_activity, plot_task_bars
-from scso_nlp.figures.quantity import plot_quantity
+from scso_nlp.figures.quantity import Quantity, plot_quantity
 from scso_nlp.figures.series import Series
 from scso_nlp.figures.sides import paired
 from scso_nlp.files import read_bytes
@@ -33,6 +33,8 @@ from scso_nlp.verdict import USABLE
 MOST_PANELS_OF_ONE = 12
 #: More groups than this get no panels of their own in the report; the table has them all.
 MOST_PANELS = 60
+#: What rows of a failed run miss: in no result file, so that nobody can ask for it.
+_SHORTFALL = Quantity(word="Shortfall", kind="row")
 #: Entries of one list or mapping that are shown.
 MOST_ENTRIES = 40
 
@@ -55,6 +57,9 @@ _MUSCLES = "Activation: all muscles, or those that differ most."
 #: What the page says of EMG.
 _WITH_EMG = "Gray in figures is measured EMG."
 _WITHOUT_EMG = "No EMG was given: nothing here says which result is nearer to a person."
+#: Parts of the page that not every page has.
+_EMPTY: dict[str, object] = dict.fromkeys(("about_emg", "headlines", "changes", "missing", "tables"), "")
+_EMPTY |= {"joints": {}, "has_intervals": False}
 #: Entries of a result's report that stand elsewhere on the page, or nowhere.
 _SHOWN_ELSEWHERE = {"frame_status", "without_stability", "summary", "verdict", "files_sha256", "name"}
 
@@ -101,19 +106,15 @@ def render_report(
         HTML.
     """
     drawn = {**_standard_figures(comparison), **(figures or {})}
-    addresses = {caption: figure_address(figure) for caption, figure in drawn.items()}
-    addresses.update(_picture(path) for path in map(Path, pictures))
-    return render(
-        "page.html",
+    return _page(
         name=comparison.results[0].name,
         extent=_extent(comparison),
         about_emg=_WITH_EMG if comparison.emg is not None else _WITHOUT_EMG,
         results=[_result(result) for result in comparison.results],
-        joints={title: figure_address(figure) for title, figure in _joint_figures(comparison).items()},
+        joints=_addresses(_joint_figures(comparison)),
         headlines=story.emg_headline(comparison),
         changes=story.largest_changes(comparison),
-        missing=(),
-        figures=addresses,
+        figures=_addresses(drawn) | dict(map(_picture, map(Path, pictures))),
         has_intervals=any(not math.isnan(row.low) for row in comparison.rows),
         tables=_tables(comparison.rows),
     )
@@ -138,21 +139,23 @@ def write_failure(report: Mapping[str, Any], label: str, path: str | os.PathLike
     statuses = [str(status) for status in report["frame_status"]]
     solved = sum(status in USABLE for status in statuses)
     card = _card(label, report) | {"solved": f"{solved} of {len(statuses)}", "is_failed": True}
-    text = render(
-        "page.html",
+    text = _page(
         name=report["name"],
         extent=f"{len(statuses)} frames. The run failed, so it left no activations.",
-        about_emg="",
         results=[card],
-        headlines=(),
-        changes=(),
         missing=story.missing(report),
-        joints={},
-        figures={caption: figure_address(figure) for caption, figure in _shortfall_figures(report).items()},
-        has_intervals=False,
-        tables=(),
+        figures=_addresses(_shortfall_figures(report)),
     )
     write_page(path, text)
+
+
+def _page(**contents: object) -> str:
+    """Fill the template; what is not given is empty."""
+    return render("page.html", **_EMPTY | contents)
+
+
+def _addresses(figures: Mapping[str, Figure]) -> dict[str, str]:
+    return {caption: figure_address(figure) for caption, figure in figures.items()}
 
 
 def _extent(comparison: Comparison) -> str:
@@ -250,7 +253,7 @@ def _shortfall_figures(report: Mapping[str, Any]) -> dict[str, Figure]:
         values=values,
         units=tuple(units[row] for row in rows),
     )
-    return {"What the rows miss over time, largest first.": plot_quantity([series], quantity="shortfall")}
+    return {"What the rows miss over time, largest first.": plot_quantity([series], quantity=_SHORTFALL)}
 
 
 def _picture(path: Path) -> tuple[str, str]:
