@@ -87,7 +87,7 @@ def _command_line() -> str:
     ]
     for name, command in group.commands.items():
         context = Context(command, info_name=f"scso {name}", terminal_width=_WIDTH, max_content_width=_WIDTH)
-        parts.append(f"## scso {name}\n\n```text\n{command.get_help(context)}\n```\n")
+        parts.append(f"## scso {name}\n\n```output\n{command.get_help(context)}\n```\n")
     return "\n".join(parts)
 
 
