@@ -2,6 +2,11 @@
 
 from . import studies as studies
 from .activity import MuscleActivity as MuscleActivity
+from .calibration import Calibration as Calibration
+from .calibration import MeasuredEmg as MeasuredEmg
+from .calibration import MeasuredStiffness as MeasuredStiffness
+from .calibration import MeasuredTrial as MeasuredTrial
+from .calibration import calibrate as calibrate
 from .constraints.activation_dynamics import ActivationDynamics as ActivationDynamics
 from .constraints.activation_floor import ActivationFloor as ActivationFloor
 from .constraints.activation_rate import ActivationRate as ActivationRate

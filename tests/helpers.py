@@ -115,7 +115,11 @@ def skeleton(
 
 
 def two_antagonists(moment, *, exponent=2.0, q=5.0, level=0.0, external_work=30.0, strength=2000.0):
-    """Symmetric pair about one axis: r = ±0.05 m, A·B = 0, l = L = 0.2 m, EW = 30 N·m/rad."""
+    """Symmetric pair about one axis: r = ±0.05 m, A·B = 0, l = L = 0.2 m, EW = 30 N·m/rad.
+
+    One frame for each moment.
+    """
+    moments = np.atleast_1d(np.asarray(moment, dtype=float))
     # Right-angled triangle from the joint: |A||B| = r l, A·B = 0, |A|² + |B|² = l².
     r, length = 0.05, 0.2
     total = np.sqrt(length**2 + 2 * r * length)  # |A| + |B|
@@ -124,9 +128,11 @@ def two_antagonists(moment, *, exponent=2.0, q=5.0, level=0.0, external_work=30.
     right = [[0.0, a, 0.0], [b, 0.0, 0.0]]
     left = [[0.0, a, 0.0], [-b, 0.0, 0.0]]
     geometry = skeleton(
-        [right, left], [[0, 1], [0, 1]], load=(0.0, -100.0, 0.0), load_point=(0.0, external_work / 100.0, 0.0)
-    )
-    trajectory = motion([[[r, -r]]], [[moment]], skeleton=geometry, length=length)
+        [right, left], [[0, 1], [0, 1]], n_frames=moments.size, load=(0.0, -100.0, 0.0),
+        load_point=(0.0, external_work / 100.0, 0.0),
+    )  # fmt: skip
+    arms = np.broadcast_to([[r, -r]], (moments.size, 1, 2))
+    trajectory = motion(arms, moments[:, None], skeleton=geometry, length=length)
     return scso.MuscleForceProblem(
         motion=scso.Motion(trajectory=trajectory, muscles=muscle_parameters(trajectory.muscles, strength)),
         muscle_model=scso.NoPhysiology(),

@@ -66,6 +66,7 @@ LAYERS = (
     "io",
     "opensim",
     "emg",
+    "calibration",
     "figures",
     "report",
     "examples",

@@ -21,6 +21,8 @@ from scso_nlp import (
     FallingStiffness,
     HessianStability,
     JointStability,
+    MeasuredEmg,
+    MuscleActivity,
     MuscleForceProblem,
     NoPhysiology,
     Solution,
@@ -69,11 +71,17 @@ class Part:
         From an answer, errors by metric and unit.
     facts : mapping of str to float
         What is printed besides.
+    emg : MeasuredEmg or None
+        What `errors` are distances from, at the times of the motion.
+    unit : ndarray of int, shape (n_frames,), or None
+        Stride or bend of each frame.
     """
 
     plain: MuscleForceProblem
     errors: Errors
     facts: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    emg: MeasuredEmg | None = None
+    unit: IntArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +169,17 @@ def emg_part(
             "agonist cells": int((kind == 1).sum()),
             "antagonist cells": int((kind == -1).sum()),
         },
+        emg=MeasuredEmg(
+            activity=MuscleActivity(
+                groups=tuple(g.name for g in groups.groups),
+                muscles=tuple(g.muscles for g in groups.groups),
+                time=motion.time,
+                values=measured,
+                source=emg.source,
+            ),
+            compare="levels" if levels else "shapes",
+        ),
+        unit=unit,
     )
 
 

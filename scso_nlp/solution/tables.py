@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -78,6 +78,18 @@ def moments_table(balance: MomentBalance) -> Table:
     return Table(values.reshape(len(values), -1), columns, units, ("coordinate", "moment"))
 
 
+def pandas() -> Any:
+    """Import pandas, or raise ScsoError with what to do."""
+    try:
+        import pandas as pd
+    except ImportError:
+        raise ScsoError(
+            "tables need pandas, which is not installed: pip install 'scso_nlp[pandas]'; all arrays are "
+            "attributes of the solution too"
+        ) from None
+    return pd
+
+
 def data_frame(time: FloatArray, table: Table) -> pd.DataFrame:
     """Make a data frame of pandas, which is imported here.
 
@@ -97,15 +109,9 @@ def data_frame(time: FloatArray, table: Table) -> pd.DataFrame:
     ScsoError
         pandas is not installed.
     """
-    try:
-        import pandas as pd
-    except ImportError:
-        raise ScsoError(
-            "tables need pandas, which is not installed: pip install 'scso_nlp[pandas]'; all arrays are "
-            "attributes of the solution too"
-        ) from None
+    pd = pandas()
     if len(table.levels) > 1:
-        columns: pd.Index = pd.MultiIndex.from_tuples(table.columns, names=table.levels)
+        columns = pd.MultiIndex.from_tuples(table.columns, names=table.levels)
     else:
         columns = pd.Index(table.columns, name=table.levels[0])
     frame = pd.DataFrame(table.values, index=pd.Index(time, name="time"), columns=columns)

@@ -86,6 +86,9 @@ def examples(tmp_path_factory):
     activity = scso.MuscleActivity(groups=("a",), muscles=(("m*",),), time=[-1.0, 9.0], values=[[0.1]] * 2)
     change = scso.sensitivity(light, ["max_isometric_force"])
     spread = scso.bands(change, ranges=np.ones(len(change.parameters)))
+    stiff = scso.MeasuredStiffness(stiffness=100.0, arms={"elbow_z": 1.0})
+    trial = scso.MeasuredTrial(problem=two_antagonists(20.0, external_work=0.0), measured=stiff)
+    known = {"trials": {"hold": trial}, "parameters": ["q"], "same_data": True}
     raised = scso.at_effort(light.problem, 2.0 * light.objective, _floor, tolerance=0.5)
     data = [
         motion, motion.trajectory, motion.trajectory.skeleton, motion.muscles, motion.actuators, curvature,
@@ -96,7 +99,8 @@ def examples(tmp_path_factory):
         scso.build_program(stable), failed.infeasibility[0], scso.SolverOptions(),
         scso.LumbarJoint(levels=1, rows={"a": "axial"}),
         activity, scso.EmgTracking(activity=activity), scso.EmgBounds(activity=activity), raised, change,
-        spread, scso.ranges(light), scso.Parameter(quantity="q"),
+        spread, scso.ranges(light), scso.Parameter(quantity="q"), stiff, trial, scso.calibrate(**known),
+        scso.MeasuredEmg(activity=activity),
         scso.adjoint_sensitivity(light, ["max_isometric_force"]),
         scso.ActivationEffort(), scso.FunctionObjective(function=lambda f: f.activation[0]), state,
         scso.MomentEquilibrium(), scso.JointStability(), scso.CoordinateStability(), scso.HessianStability(),
@@ -138,6 +142,7 @@ def examples(tmp_path_factory):
         "plot_uncertainty": {"bands": spread},
         "ranges": {"solution": light},
         "at_effort": {"problem": light.problem, "effort": 2.0 * light.objective, "alternative": _floor},
+        "calibrate": known,
         "random_patterns": {"solution": light, "frame": 0, "number": 2},
         "row_contributions": {"solution": solution},
         "mode_contributions": {"solution": whole},
