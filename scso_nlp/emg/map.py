@@ -262,9 +262,12 @@ def map_skeleton(muscles: Sequence[str], source: str = "the model") -> str:
         '# Muscles may be patterns, e.g. "glut_*_r"; a channel or a muscle stands in one group only.',
         f"format = {MAP_FORMAT}",
     ]
-    for name, members in groups.items():
+    for stem, members in groups.items():
         # JSON's strings and lists are TOML's
-        lines += ["", f"[groups.{json.dumps(name)}]", "channels = []", f"muscles = {json.dumps(members)}"]
+        name, names = (
+            json.dumps(item, ensure_ascii=False) for item in (stem if members[1:] else members[0], members)
+        )
+        lines += ["", f"[groups.{name}]", "channels = []", f"muscles = {names}"]
     return "\n".join(lines) + "\n"
 
 

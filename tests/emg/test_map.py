@@ -94,5 +94,8 @@ def test_a_skeleton_is_a_map_of_all_muscles_whatever_they_are_called(tmp_path):
     found = read_emg_map(written(tmp_path, map_skeleton(muscles)))
     assert sorted(m for group in found.groups for m in group.muscles) == sorted(muscles)
     assert found.groups[-1].muscles == ("IL_1", "IL_2")
+    text = map_skeleton(["glutäus_1", "glutäus_2", "Gastroc#1"])
+    assert '[groups."glutäus_"]' in text
+    assert '[groups."Gastroc#1"]' in text
     with pytest.raises(DataError, match="no muscle"):
         map_skeleton(())
