@@ -117,11 +117,9 @@ def walking_study(step_interval: int = 10) -> Study:
     Study
     """
     soft = walking_3d.make_problem(5.0, step_interval)
-    plain = soft.without_stability()
-    hard = {"SCSO q = 40, flexion": JointStability(q=40.0, joints=walking_3d.JOINTS, axes=("z",))}
     return Study(
         name="walking_3d",
-        problems={"SO": plain, **_with_each(plain, hard), "SCSO q = 5, soft": soft},
+        problems=_hard_and_soft(soft, "SCSO q = 40, flexion", walking_3d.JOINTS),
         emg=walking_3d.emg_file(),
         emg_map=walking_3d.EMG_MAP,
     )
@@ -139,11 +137,9 @@ def gait_study(step_interval: int = 1) -> Study:
     Study
     """
     soft = gait_lower_limb.make_problem(5.0, step_interval)
-    plain = soft.without_stability()
-    hard = {"SCSO q = 40": JointStability(q=40.0, joints=gait_lower_limb.JOINTS, axes=("z",))}
     return Study(
         name="gait_lower_limb",
-        problems={"SO": plain, **_with_each(plain, hard), "SCSO q = 5, soft": soft},
+        problems=_hard_and_soft(soft, "SCSO q = 40", gait_lower_limb.JOINTS),
         emg=None,
         emg_map=None,
     )
@@ -157,6 +153,14 @@ STUDIES: dict[str, tuple[Callable[[int], Study], ...]] = {
     "walking_3d": (lambda every: walking_study(10 * every),),
     "gait_lower_limb": (gait_study,),
 }
+
+
+def _hard_and_soft(
+    soft: MuscleForceProblem, hard: str, joints: tuple[str, ...]
+) -> dict[str, MuscleForceProblem]:
+    plain = soft.without_stability()
+    flexion = JointStability(q=40.0, joints=joints, axes=("z",))
+    return {"SO": plain, **_with_each(plain, {hard: flexion}), "SCSO q = 5, soft": soft}
 
 
 def _with_each(

@@ -67,10 +67,8 @@ def make_problem(
         One of `TRIALS`.
     q : float [-]
         Stiffness gain of all muscles.
-    step_interval : int
-        Take every n-th frame of the recording (15 per second).
-    prepare_for : sequence of StabilityConstraint
-        Extract what these need, too.
+    step_interval, prepare_for
+        As for :func:`problems.walking_3d.problem.make_problem`; 15 per second are recorded.
 
     Returns
     -------
@@ -79,10 +77,8 @@ def make_problem(
 
     Raises
     ------
-    NameMismatchError
-        No such trial.
-    DataError
-        The data cannot be fetched.
+    NameMismatchError, DataError
+        As for :func:`problems.motions.folder_of`.
     """
     folder = folder_of(trial, TRIALS, BACK_LIFTING)
     moments = read_storage(folder / trial / "id.sto")

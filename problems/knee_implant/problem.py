@@ -43,10 +43,8 @@ def make_problem(
         One of `TRIALS`.
     q : float [-]
         Stiffness gain of all muscles.
-    step_interval : int
-        Take every n-th frame of the recording (120 per second).
-    prepare_for : sequence of StabilityConstraint
-        Extract what these need, too.
+    step_interval, prepare_for
+        As for :func:`problems.walking_3d.problem.make_problem`; 120 per second are recorded.
 
     Returns
     -------
@@ -55,10 +53,8 @@ def make_problem(
 
     Raises
     ------
-    NameMismatchError
-        No such trial.
-    DataError
-        The data cannot be fetched.
+    NameMismatchError, DataError
+        As for :func:`problems.motions.folder_of`.
     """
     folder = folder_of(trial, TRIALS, KNEE_IMPLANT)
     with tempfile.TemporaryDirectory() as scratch:
@@ -112,10 +108,8 @@ def measured_force(trial: str = "GC5_ss1") -> FloatArray:
 
     Raises
     ------
-    NameMismatchError
-        No such trial.
-    DataError
-        The data cannot be fetched.
+    NameMismatchError, DataError
+        As for :func:`problems.motions.folder_of`.
     """
     content = loadmat(folder_of(trial, TRIALS, KNEE_IMPLANT) / "eTibia_data.mat", simplify_cells=True)
     recorded = content["eTibia_data"]["GC5"]["ngait_og"]

@@ -51,10 +51,8 @@ def make_problem(
         One of `TRIALS`.
     q : float [-]
         Stiffness gain of all muscles.
-    step_interval : int
-        Take every n-th frame of the recording (100 per second).
-    prepare_for : sequence of StabilityConstraint
-        Extract what these need, too.
+    step_interval, prepare_for
+        As for :func:`problems.walking_3d.problem.make_problem`; 100 per second are recorded.
 
     Returns
     -------
@@ -63,10 +61,8 @@ def make_problem(
 
     Raises
     ------
-    NameMismatchError
-        No such trial.
-    DataError
-        The data cannot be fetched.
+    NameMismatchError, DataError
+        As for :func:`problems.motions.folder_of`.
     """
     folder, begins = folder_of(trial, TRIALS, TREADMILL), strides(trial)
     model = folder / "gait2392.osim"

@@ -94,10 +94,8 @@ def rigid_tendon_force(
         Constants.
     activation : float or DM or SX or MX, any shape [-]
         0 to 1, greater than 0 for Thelen2003Muscle with a shortening fiber.
-    muscle_tendon_length : float or DM or SX or MX, same shape [m]
-        Length of the path.
-    muscle_tendon_velocity : float or DM or SX or MX, same shape [m/s]
-        Its rate, lengthening positive.
+    muscle_tendon_length, muscle_tendon_velocity
+        As for :func:`rigid_tendon_force_parts`, same shape.
 
     Returns
     -------

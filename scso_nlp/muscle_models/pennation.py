@@ -105,12 +105,8 @@ def clamped_rigid_tendon_fiber(
 
     Parameters
     ----------
-    muscle : HillMuscle
-        Constants.
-    muscle_tendon_length : float or DM or SX or MX, any shape [m]
-        Length of the path.
-    muscle_tendon_velocity : float or DM or SX or MX, same shape [m/s]
-        Its rate, lengthening positive.
+    muscle, muscle_tendon_length, muscle_tendon_velocity
+        As for :func:`rigid_tendon_fiber`.
 
     Returns
     -------

@@ -118,7 +118,8 @@ def load_motion(
     keep_coupled_speeds : bool, optional
         Take speeds of coupled coordinates from the motion even where they contradict the constraints.
     muscle_paths, stability_axes, curvature_coordinates, joint_reactions : optional
-        What to compute besides what `prepare_for` asks for; as fields of :class:`MotionInput`.
+        Arrays to look at without a term that needs them; what a problem needs, `prepare_for` asks for. As
+        fields of :class:`MotionInput`.
     processes : int, optional
         Worker processes; by default one per core this process may use, fewer for short motions. The
         answer does not depend on it.
@@ -149,7 +150,7 @@ def load_motion(
 
     Examples
     --------
-    >>> part = scso.load_motion(example_folder("elbow") / "setup.xml", final_time=2.0, muscle_paths=False)
+    >>> part = scso.load_motion(example_folder("elbow") / "setup.xml", final_time=2.0, prepare_for=())
     >>> part.n_frames, part.muscles.muscles
     (3, ('brachioradialis', 'biceps', 'brachialis'))
     """

@@ -102,10 +102,8 @@ def solve_framewise(
     ----------
     problem : MuscleForceProblem
         Without terms that couple frames; see :meth:`MuscleForceProblem.without_coupling`.
-    initial_guess, baseline : Solution, optional
+    initial_guess, baseline, options, on_failure
         As for :func:`solve_trajectory`.
-    options : SolverOptions, optional
-    on_failure : "raise" or "return"
 
     Returns
     -------
@@ -115,10 +113,8 @@ def solve_framewise(
     ------
     CouplingError
         A term couples frames.
-    SolveFailed
-        Some frame was not solved; the exception carries the solution with its last iterate.
-    ProblemError
-        Contradictory description or options.
+    SolveFailed, ProblemError
+        As for :func:`solve_trajectory`.
 
     Examples
     --------

@@ -31,10 +31,8 @@ from scso_nlp.studies.record import (
     STUDY,
     TRIAL,
     Outcome,
-    State,
     Study,
     StudyTrial,
-    write_outcome,
     write_study,
 )
 from scso_nlp.studies.work import Task, done_before, extract_motion, solve_trial
@@ -155,7 +153,7 @@ def run(
         for job in jobs:
             trial = job.task.trial
             if job.problem:
-                ended[trial.folder] = _kept(job.task, "bad input", job.problem)
+                ended[trial.folder] = job.task.ended("bad input", job.problem)
                 log.tell(trial, ended[trial.folder])
             elif not force and (done := done_before(job.task)) is not None:
                 ended[trial.folder] = done
@@ -294,27 +292,9 @@ def _outcome(future: Future, task: Task) -> Outcome:
             "same command goes on with the rest"
         ) from None
     except KilledWorker:
-        return _kept(
-            task,
+        return task.ended(
             "failed",
             "worker processes ended again and again while they ran this trial: they may need more memory",
         )
     except Exception as error:
-        return _kept(task, "failed", f"a worker could not run this trial: {error}")
-
-
-def _kept(task: Task, state: State, sentence: str) -> Outcome:
-    """Record what becomes of a task that no worker can record."""
-    trial = task.trial
-    outcome = Outcome(
-        identity=trial.identity,
-        subject=trial.subject,
-        trial=trial.trial,
-        condition=trial.condition,
-        settings=trial.settings,
-        state=state,
-        sentence=sentence,
-        events=task.events,
-    )
-    write_outcome(task.folder, outcome)
-    return outcome
+        return task.ended("failed", f"a worker could not run this trial: {error}")

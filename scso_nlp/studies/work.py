@@ -67,6 +67,29 @@ class Task:
             output, folder=self.folder, overwrite=True, processes=1, cache=self.folder.parent
         )
 
+    def ended(
+        self,
+        state: State,
+        sentence: str,
+        identity: str | None = None,
+        seconds: Mapping[str, float] | None = None,
+    ) -> Outcome:
+        """Write what became of it; without the identity of what was read, with the planned one."""
+        trial = self.trial
+        outcome = Outcome(
+            identity=trial.identity if identity is None else identity,
+            subject=trial.subject,
+            trial=trial.trial,
+            condition=trial.condition,
+            settings=trial.settings,
+            state=state,
+            sentence=sentence,
+            events=self.events,
+            seconds=seconds or {},
+        )
+        write_outcome(self.folder, outcome)
+        return outcome
+
 
 def done_before(task: Task) -> Outcome | None:
     """Read what became of a trial if it was done with the same inputs, settings and version."""
@@ -120,20 +143,7 @@ def solve_trial(task: Task, extracted: None = None) -> Outcome:
         except Exception as error:
             state, sentence = _failure(error)
         seconds["other"] = time.perf_counter() - started - sum(seconds.values())
-        trial = task.trial
-        outcome = Outcome(
-            identity=trial.identity if result is None else _identity(result),
-            subject=trial.subject,
-            trial=trial.trial,
-            condition=trial.condition,
-            settings=trial.settings,
-            state=state,
-            sentence=sentence,
-            events=task.events,
-            seconds=seconds,
-        )
-        write_outcome(task.folder, outcome)
-        return outcome
+        return task.ended(state, sentence, None if result is None else _identity(result), seconds)
 
 
 @contextmanager
