@@ -58,7 +58,10 @@ def _brief(value: Any) -> str:
     if dataclasses.is_dataclass(value):
         return f"{type(value).__name__}(...)"
     if isinstance(value, Mapping):
-        return f"{{{', '.join(map(shown, list(value)[:MOST_ROWS]))}}}"
+        items = [f"{shown(name)}: {_brief(item)}" for name, item in [*value.items()][:MOST_ROWS]]
+        if len(value) > MOST_ROWS:
+            items.append("...")
+        return f"{{{', '.join(items)}}}"
     return shown(value)
 
 

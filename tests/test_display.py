@@ -148,4 +148,8 @@ def test_what_is_so_by_default_is_left_out():
     assert without_defaults(scso.ActivationEffort()) == "ActivationEffort()"
     changed = without_defaults(scso.JointStability(q=20.0, axes=("z",)))
     assert changed == "JointStability(q=20.0, axes=('z',))"
+    of_some = without_defaults(scso.JointStability(level={"knee_r_z": 10.0}))
+    assert of_some == "JointStability(level={'knee_r_z': 10.0})"
+    many = {f"m{i}": float(i) for i in range(MOST_ROWS + 1)}
+    assert without_defaults(scso.ActivationEffort(weights=many)).endswith("'m11': 11.0, ...})")
     assert without_defaults(3.5) == "3.5"

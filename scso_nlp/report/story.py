@@ -155,7 +155,8 @@ def standing(report: Mapping[str, Any]) -> tuple[Line, ...]:
         amount, text = margin
         lines.append(Line(quantity="least margin", value=text, is_beyond=amount < -ROUNDING))
     if missed := _extreme(verdict, "missed"):
-        lines.append(Line(quantity="largest miss of a soft level", value=missed[1], is_beyond=True))
+        value = f"{missed[1]}, some in {verdict.get('frames_missed')} of {n_frames} frames"
+        lines.append(Line(quantity="largest miss of a soft level", value=value, is_beyond=True))
     limits = {"reserve": 100 * RESERVE_LIMIT, "residual_force": RESIDUAL_LIMITS["N"]}
     limits["residual_moment"] = RESIDUAL_LIMITS["N·m"]
     for key, words in (

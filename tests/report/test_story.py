@@ -72,6 +72,13 @@ def test_the_standing_is_the_verdicts_against_the_limits_that_opensim_advises(rn
     assert effort.quantity == f"effort {solution.objective:.4g}"
 
 
+def test_a_miss_says_how_much_and_in_how_many_frames():
+    hock = {"name": "hock", "time": 0.22, "amount": 222.0, "unit": "N"}
+    (line,) = standing({"verdict": {"n_frames": 37, "missed": hock, "frames_missed": 17}})
+    assert line.value == "222 N (hock at t = 0.22 s), some in 17 of 37 frames"
+    assert line.is_beyond
+
+
 @pytest.mark.parametrize("verdict", [None, "all well", {}, {"margin": 3, "effort": [1], "n_frames": "2"}])
 def test_a_verdict_of_another_program_is_left_out(verdict):
     assert standing({"verdict": verdict}) == ()
