@@ -2,8 +2,9 @@
 
 Usage: python -m problems.benchmarks.same_answers [--cases a,b] [--data FOLDER] [--frames N] [--output FILE]
 
-Each question is asked about N frames spread evenly (default 60; coupled ones about the first N). Where the
-two differ by more than 1e-6 in an activation, a cold start at 1e-13 tells which of them was off.
+Each question is asked about N frames spread evenly (default 60; coupled ones about the first N). Where
+the two differ by more than 1e-6 in an activation, colder starts are tried: the optimum is unique, and a
+barrier keeps IPOPT away from bounds whose multipliers are small. The nearest of them stands in the table.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ from problems.benchmarks.questions import ask
 from problems.outputs import markdown_table
 from scso_nlp.validation import FloatArray
 
-HEADS = ("case", "what", "p", "frames", "not solved", "activation apart", "objective above", "cold start at")
-#: Tolerances of the cold starts: the second is asked where the first is not near enough to its optimum.
-COLD, COLDER = 1e-10, 1e-13
-#: Largest difference of activations and controls where they are unique [-].
+HEADS = (
+    *("case", "what", "p", "frames", "not solved"),
+    *("activation apart", "control apart", "objective above", "cold start at"),
+)
+#: Tolerances of the cold starts: the later are asked where the first are not near enough to their optimum.
+COLD = (1e-10, 1e-12, 1e-13)
+#: Largest difference of activations where they are unique [-].
 APART = 1e-6
 _UNIQUE = (2.0, 3.0)
 
@@ -91,30 +95,35 @@ def _motions(
         yield kind, case.problem(recorded(case, case.setup(data, scratch), kind), kind)
 
 
-def compared(problem: scso.MuscleForceProblem, power: float) -> tuple[int, int, float, float, float]:
+def compared(problem: scso.MuscleForceProblem, power: float) -> tuple[int, int, float, float, float, float]:
     """Frames, those that the fast path does not solve, differences, and the cold start's tolerance.
 
     Returns
     -------
     tuple
-        Frames; how many of them the fast path lost; largest difference of activations and controls, NaN where
-        they are not unique; largest share by which the objective is above the cold start's; its tolerance.
+        Frames; how many of them the fast path lost; largest differences of activations and of controls, NaN
+        where they are not unique; largest share by which the objective is above that of the cold start; the
+        tolerance of this one.
     """
     fast = scso.solve_trajectory(problem, on_failure="return")
-    here = np.hstack([fast.activation, fast.control])
-    for tolerance in (COLD, COLDER):
+    question, found = ask(problem), []
+    for tolerance in COLD:
         options = scso.SolverOptions(presolve=False, tolerance=tolerance)
         cold = scso.solve_trajectory(problem, options=options, on_failure="return")
-        there = np.hstack([cold.activation, cold.control])
         both = fast.is_solved & cold.is_solved
-        apart = np.abs(here - there)[both].max(initial=0.0) if power in _UNIQUE else math.nan
-        if not apart > APART:
+        apart = [
+            float(np.abs(a - b)[both].max(initial=0.0)) if power in _UNIQUE else math.nan
+            for a, b in ((fast.activation, cold.activation), (fast.control, cold.control))
+        ]
+        unknowns = [np.hstack([each.activation, each.control]) for each in (fast, cold)]
+        cost: list[FloatArray] = [question.objective(x)[both] for x in unknowns]
+        if problem.coupled_terms:
+            cost = [each.sum(keepdims=True) for each in cost]
+        above = np.max(cost[0] / cost[1] - 1, initial=-math.inf)
+        found.append((*apart, float(above), tolerance))
+        if not apart[0] > APART:
             break
-    cost: list[FloatArray] = [ask(problem).objective(x)[both] for x in (here, there)]
-    if problem.coupled_terms:
-        cost = [each.sum(keepdims=True) for each in cost]
-    above = np.max(cost[0] / cost[1] - 1, initial=-math.inf)
-    return len(both), int((~fast.is_solved).sum()), float(apart), float(above), tolerance
+    return len(both), int((~fast.is_solved).sum()), *min(found)
 
 
 if __name__ == "__main__":

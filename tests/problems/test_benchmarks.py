@@ -230,7 +230,7 @@ def test_the_fast_path_is_where_a_cold_start_ends(tmp_path, capsys):
     assert written.read_text(encoding="utf-8") == capsys.readouterr().out
     rows = [line.strip("| \n").split(" | ") for line in written.read_text(encoding="utf-8").splitlines()[2:]]
     assert [row[2] for row in rows] == ["2", "3", "10", "inf"] * 2 + ["2"]
-    for *_, power, frames, lost, apart, above, _ in rows:
+    for *_, power, frames, lost, apart, _, above, _ in rows:
         assert (frames, lost) == ("4", "0")
         assert float(above) < 1e-8
         assert float(apart) < 1e-6 if power in ("2", "3") else apart == "nan"
