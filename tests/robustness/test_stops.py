@@ -6,7 +6,6 @@ and prints what became of them.
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import hashlib
 import json
@@ -16,7 +15,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -165,56 +164,53 @@ def duration(example: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     return found
 
 
-def moments(kind: str, longest: float) -> list[float]:
-    """Random moments of a kind [s]."""
+@pytest.fixture
+def trial(tmp_path: Path, example: Path) -> Iterator[Trial]:
+    yield Trial(tmp_path, example)
+    shutil.rmtree(tmp_path)
+
+
+def moments(kind: str) -> list[float]:
+    """Random moments of a kind, as shares of the longest."""
     seed = int.from_bytes(hashlib.sha256(kind.encode()).digest()[:4])
-    return np.random.default_rng(seed).uniform(0.0, longest, NUMBER).tolist()
+    return np.random.default_rng(seed).uniform(0.0, 1.0, NUMBER).tolist()
 
 
 #: What becomes of a run whose interpreter is interrupted before it runs a line of anybody's: it says so and
 #: ends with 1, whatever the program is.
 NOT_YET_PYTHON = "Fatal Python error: init_import_site"
-TOO_EARLY = "before Python runs a line"
 
 
 def as_a_shell_has_it(code: int) -> int:
     return 128 - code if code < 0 else code
 
 
-def tell(kind: str, outcomes: collections.Counter[str]) -> None:
-    if NUMBER > 1:
-        print(f"\n{kind}: " + ", ".join(f"{n} {what}" for what, n in sorted(outcomes.items())))
+SIGNALS = (("shell", "SIGINT"), ("shell", "SIGTERM"), ("shell", "SIGHUP"), ("python", "SIGINT"))
 
 
-@pytest.mark.parametrize("whom", ["alone", "group"])
 @pytest.mark.parametrize(
-    ("way", "number"),
-    [("shell", "SIGINT"), ("shell", "SIGTERM"), ("shell", "SIGHUP"), ("python", "SIGINT")],
+    ("way", "number", "whom", "moment"),
+    [
+        (way, number, whom, moment)
+        for way, number in SIGNALS
+        for whom in ("alone", "group")
+        for moment in moments(f"{number} to {way}, {whom}")
+    ],
 )
-def test_a_signal_at_any_moment(tmp_path, example, duration, way, number, whom):
-    kind, number = f"{number} to {way}, {whom}", signal.Signals[number]
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind, duration[way])):
-        trial = Trial(tmp_path / str(k), example)
-        process = trial.start(SHELL if way == "shell" else PYTHON)
-        time.sleep(moment)
-        (os.kill if whom == "alone" else os.killpg)(process.pid, number)
-        _, words = process.communicate(timeout=60)
-        code = as_a_shell_has_it(process.returncode)
-        what = trial.what_is_wrong()
-        outcome = "earlier results" if trial.results() == trial.before else "new results"
-        if code == 0 and outcome == "new results":
-            outcome = FINISHED
-        elif code == 1 and NOT_YET_PYTHON in words:
-            outcome = TOO_EARLY
-        elif code != 128 + number:
-            what = what or f"exit code {code}"
-        outcomes[outcome] += 1
-        if what:
-            wrong[moment] = f"{what}\n{words}"
-        shutil.rmtree(trial.folder.parent)
-    tell(kind, outcomes)
-    assert not wrong
+def test_a_signal_at_any_moment(trial, duration, way, number, whom, moment):
+    process = trial.start(SHELL if way == "shell" else PYTHON)
+    time.sleep(moment * duration[way])
+    (os.kill if whom == "alone" else os.killpg)(process.pid, signal.Signals[number])
+    _, words = process.communicate(timeout=60)
+    code = as_a_shell_has_it(process.returncode)
+    assert trial.what_is_wrong() == "", words
+    if code == 0 and trial.results() != trial.before:
+        print(f"\n{FINISHED}")
+    elif code == 1 and NOT_YET_PYTHON in words:
+        print("\nbefore Python runs a line")
+    else:
+        print(f"\n{'earlier' if trial.results() == trial.before else 'new'} results")
+        assert code == 128 + signal.Signals[number], words
 
 
 def wait_for_end_of_workers(trial: Trial) -> None:
@@ -223,83 +219,60 @@ def wait_for_end_of_workers(trial: Trial) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.parametrize("way", ["shell", "python"])
+@pytest.mark.parametrize(
+    ("way", "moment"), [(way, m) for way in ("shell", "python") for m in moments(f"SIGKILL to {way}")]
+)
 def test_a_killed_program_leaves_no_worker_and_the_next_run_is_as_if_nothing_had_been(
-    tmp_path, example, duration, way
+    trial, duration, way, moment
 ):
-    kind = f"SIGKILL to {way}"
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind, duration[way])):
-        trial = Trial(tmp_path / str(k), example)
-        command = SHELL if way == "shell" else PYTHON
-        process = trial.start(command)
-        time.sleep(moment)
-        process.kill()
-        process.communicate(timeout=60)
-        wait_for_end_of_workers(trial)
-        what = "a worker is left" if trial.workers() else ""
-        is_clear = not what and not trial.what_is_wrong()
-        outcomes["nothing left" if is_clear else "left to the next run"] += 1
-        after = trial.start(command)
-        _, words = after.communicate(timeout=120)
-        what = what or trial.what_is_wrong()
-        if after.returncode != 0 or words or trial.results() == trial.before:
-            what = what or f"exit code {after.returncode}"
-        if what:
-            wrong[moment] = f"{what}\n{words}"
-        shutil.rmtree(trial.folder.parent)
-    tell(kind, outcomes)
-    assert not wrong
+    command = SHELL if way == "shell" else PYTHON
+    process = trial.start(command)
+    time.sleep(moment * duration[way])
+    process.kill()
+    process.communicate(timeout=60)
+    wait_for_end_of_workers(trial)
+    assert not trial.workers()
+    print(f"\n{'left to the next run' if trial.what_is_wrong() else 'nothing left'}")
+    after = trial.start(command)
+    _, words = after.communicate(timeout=120)
+    assert trial.what_is_wrong() == "", words
+    assert (after.returncode, words) == (0, "")
+    assert trial.results() != trial.before
 
 
-@pytest.mark.parametrize("number", ["SIGKILL", "SIGSTOP"])
-def test_a_worker_that_is_killed_or_stopped_ends_the_run_with_a_sentence(tmp_path, example, number):
-    kind = f"{number} to a worker"
-    outcomes, wrong = collections.Counter(), {}
-    for k, moment in enumerate(moments(kind, 1.0)):
-        trial = Trial(tmp_path / str(k), example)
-        process = trial.start([sys.executable, "-c", IMPATIENT, *RUN])
-        while process.poll() is None and not (workers := trial.workers()):
-            time.sleep(0.01)
-        time.sleep(moment)
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(workers[-1], signal.Signals[number])
-        _, words = process.communicate(timeout=60)
-        what = trial.what_is_wrong()
-        reason = "was ended by SIGKILL" if number == "SIGKILL" else "got no further for 2 s"
-        is_told = words.startswith("error: OpenSim worker ") and reason in words and words.count("\n") == 1
-        if process.returncode == 0 and not words:
-            outcomes[FINISHED] += 1
-        else:
-            outcomes["one sentence"] += 1
-            if process.returncode != 2 or not is_told or trial.results() != trial.before:
-                what = what or f"exit code {process.returncode}"
-        if what:
-            wrong[moment] = f"{what}\n{words}"
-        shutil.rmtree(trial.folder.parent)
-    tell(kind, outcomes)
-    assert not wrong
+def check_sentence(trial: Trial, process: subprocess.Popen[str], start: str, reason: str = "") -> None:
+    """A program ends as if nothing had been, or with one sentence, and leaves nothing."""
+    _, words = process.communicate(timeout=60)
+    print(f"\n{'one sentence' if process.returncode else FINISHED}")
+    assert trial.what_is_wrong() == "", words
+    if process.returncode or words:
+        assert process.returncode == 2, words
+        assert words.startswith(start), words
+        assert reason in words
+        assert words.count("\n") == 1, words
+        assert trial.results() == trial.before
 
 
-def test_a_disk_that_is_full_at_any_size_is_one_sentence(tmp_path, example):
+@pytest.mark.parametrize(
+    ("number", "moment"), [(n, m) for n in ("SIGKILL", "SIGSTOP") for m in moments(f"{n} to a worker")]
+)
+def test_a_worker_that_is_killed_or_stopped_ends_the_run_with_a_sentence(trial, number, moment):
+    process = trial.start([sys.executable, "-c", IMPATIENT, *RUN])
+    while process.poll() is None and not (workers := trial.workers()):
+        time.sleep(0.01)
+    time.sleep(moment)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(workers[-1], signal.Signals[number])
+    reason = "was ended by SIGKILL" if number == "SIGKILL" else "got no further for 2 s"
+    check_sentence(trial, process, "error: OpenSim worker ", reason)
+
+
+@pytest.mark.parametrize("moment", moments("full disk"))
+def test_a_disk_that_is_full_at_any_size_is_one_sentence(trial, moment):
     """No file may be longer than so many bytes: which one is cut off depends on it."""
     resource = pytest.importorskip("resource")
-    outcomes, wrong = collections.Counter(), {}
-    for k, size in enumerate(np.exp(moments("full disk", np.log(1e5))).astype(int).tolist()):
-        trial = Trial(tmp_path / str(k), example)
-        limit = (resource.RLIMIT_FSIZE, (size, size))
-        process = trial.start([*SHELL, "--no-figures"], lambda limit=limit: resource.setrlimit(*limit))
-        _, words = process.communicate(timeout=60)
-        what = trial.what_is_wrong()
-        if process.returncode == 0:
-            outcomes[FINISHED] += 1
-        else:
-            outcomes["one sentence"] += 1
-            is_told = words.startswith("error: ") and words.count("\n") == 1
-            if process.returncode != 2 or not is_told or trial.results() != trial.before:
-                what = what or f"exit code {process.returncode}"
-        if what:
-            wrong[size] = f"{what}\n{words}"
-        shutil.rmtree(trial.folder.parent)
-    tell("no file longer than", outcomes)
-    assert not wrong
+    size = int(1e5**moment)
+    process = trial.start(
+        [*SHELL, "--no-figures"], lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    )
+    check_sentence(trial, process, "error: ")
