@@ -35,7 +35,8 @@ from scso_nlp.validation import BoolArray, FloatArray, IntArray
 STRICT = 1e-7
 #: A frame whose equations, scaled, answer a change of one by more than this is singular.
 SINGULAR = 1e10
-#: Newton's method has arrived when its step is below this much of the unknowns [-], and its most steps.
+#: Newton's method has arrived when its step is below this much of the unknowns, or changes the equations by
+#: less than this [-]; and its most steps.
 _ARRIVED, _MOST_STEPS = 1e-9, 8
 #: An unknown nearer to a bound than this much of the frame's largest, or of one, is at it [-].
 _AT_BOUND = 1e-9
@@ -231,7 +232,7 @@ class Conditions:
         self.is_kink, self.is_singular, gone = nothing.copy(), nothing.copy(), ~self.usable
         self._put_on_bounds()
         self._look(choose=False)
-        parts, is_exact = self._hessian(), False
+        parts, is_settled = self._hessian(), False
         for _ in range(_MOST_STEPS):
             broken = self._broken_frames(parts)
             gone, self.is_singular = gone | broken, self.is_singular | broken
@@ -243,10 +244,10 @@ class Conditions:
             moved = self._step(self.linear.solve(-self.linear.left), ~gone)
             self._look(choose=False)
             before, parts = parts, self._hessian()
-            is_exact = self._is_quadratic(before, parts)
-            if is_exact or not (moved[~gone] > _ARRIVED).any():
+            is_settled = self._is_settled(before, parts)
+            if is_settled or not (moved[~gone] > _ARRIVED).any():
                 break
-        if not is_exact:  # the equations are those of a point a little off
+        if not is_settled:  # the equations are those of a point a little off, or of another basis
             self.is_singular |= ~gone & (moved > _ARRIVED)
             self.linear = self._linear(parts, ~gone)
         self.is_kink = self.usable & ~self.is_singular & ~self._is_strict()
@@ -254,10 +255,14 @@ class Conditions:
         if self.is_coupled and not self.is_regular.all():
             self.is_regular = nothing
 
-    def _is_quadratic(self, before: Sequence[Part], after: Sequence[Part]) -> bool:
-        """Tell whether a step has not changed the equations: it ends at the exact optimum."""
-        same = all(np.array_equal(a[0], b[0], equal_nan=True) for a, b in zip(before, after, strict=True))
-        return same and not self.curved and not self.models
+    def _is_settled(self, before: Sequence[Part], after: Sequence[Part]) -> bool:
+        """Tell whether a step has left the equations as they were: always where they are linear."""
+        entries = [(old[0], new[0]) for old, new in zip(before, after, strict=True)]
+        entries += [(self.linear.slope.data, self.slope.data)]
+        return not self.models and all(
+            old.shape == new.shape and np.allclose(old, new, rtol=_ARRIVED, atol=0.0, equal_nan=True)
+            for old, new in entries
+        )
 
     def _look(self, *, choose: bool) -> None:
         """Evaluate rows, slopes and matrices at the point; choose what is active, or keep it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -218,7 +218,7 @@ class _Differentiated:
     def __init__(self, solution: Solution, parameters: Sequence[str | Parameter]) -> None:
         wanted = [parameters] if isinstance(parameters, str) else parameters
         self.parameters = tuple(Parameter.of_text(p) if isinstance(p, str) else p for p in wanted)
-        self.solution, problem = solution, solution.problem
+        self.solution, problem = solution, replace(solution.problem, observed=())
         self.program = without_redundant_rows(describe(problem, symbols_for(self.parameters, problem)))
         self.changes = changes_of(self.parameters, self.program)
         self.conditions = Conditions(self.program, solution)
