@@ -67,8 +67,8 @@ def _tell_answer(result: RunResult) -> None:
     typer.echo(f"{trajectory.name}: {solution.summary()}", err=not result.is_solved)
     for line in result.verdict_lines:
         typer.echo(f"  {line}")
-    if result.baseline is not None:
-        typer.echo(f"  {solution.report.kept(trajectory.n_frames)}")
+    if kept := solution.report.kept(trajectory.n_frames):
+        typer.echo(f"  {kept}")
     for reason in (*solution.other_rows()[:4], *solution.contradictions[:1]):
         typer.echo(f"  {reason}", err=True)
     for step in next_steps(solution):

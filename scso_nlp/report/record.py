@@ -100,7 +100,7 @@ def report_on(solution: Solution, record: RunRecord, baseline: Solution | None) 
             "name": solution.report.solver,
             "options": dict(solution.report.options),
             "iterations": solution.report.iterations,
-            "frames_kept_by_static_optimization": solution.report.kept_frames if baseline else None,
+            "frames_kept_by_static_optimization": solution.report.kept_frames,
         },
         "seconds": {
             **record.seconds,

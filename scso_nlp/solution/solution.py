@@ -46,8 +46,9 @@ class SolveReport:
         Versions of this package and of what it stands on.
     rounds : int
         How often the program was solved while rows were added.
-    kept_frames : int
-        Frames in which the baseline that was given keeps all rows, so that it is their optimum.
+    kept_frames : int or None
+        Frames in which the baseline that was given keeps all rows, so that it is their optimum; None where
+        none was given, or frames cannot be looked at one by one.
     """
 
     solver: str
@@ -57,10 +58,12 @@ class SolveReport:
     options: Mapping[str, object]
     versions: Mapping[str, str]
     rounds: int = 1
-    kept_frames: int = 0
+    kept_frames: int | None = None
 
     def kept(self, n_frames: int) -> str:
-        """Say in how many frames the baseline was enough."""
+        """Say in how many frames the baseline was enough; nothing where that is not known."""
+        if self.kept_frames is None:
+            return ""
         return f"static optimization already keeps all rows in {self.kept_frames} of {n_frames} frames"
 
 

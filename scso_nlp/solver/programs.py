@@ -56,7 +56,7 @@ class Effort:
     build_seconds: float = 0.0
     solve_seconds: float = 0.0
     taken_over: int = 0
-    kept_frames: int = 0
+    kept_frames: int | None = None
 
 
 def solve_rows(

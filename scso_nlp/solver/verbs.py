@@ -172,8 +172,8 @@ def _solve(
         report.build_seconds,
         report.solve_seconds,
     )
-    if given[1] is not None:
-        _LOG.info("%s: %s", problem.motion.name, report.kept(problem.motion.n_frames))
+    if kept := report.kept(problem.motion.n_frames):
+        _LOG.info("%s: %s", problem.motion.name, kept)
     if on_failure == "raise" and not solution.is_solved.all():
         raise SolveFailed(solution, [f"try {step}" for step in next_steps(solution)])
     return solution

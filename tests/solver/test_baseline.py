@@ -27,7 +27,7 @@ def test_frames_that_keep_all_rows_are_done_and_the_answers_are_the_same(rng, so
     level = float(np.sort(least)[3:5].mean())
     problem = with_level(problem, level)
     alone, after = solve(problem), solve(problem, baseline=baseline)
-    assert alone.report.kept_frames == 0
+    assert alone.report.kept_frames is None
     assert after.report.kept_frames == (least > level).sum() == 4
     kept = least > level
     assert np.array_equal(after.activation[kept], baseline.activation[kept])
@@ -51,6 +51,14 @@ def test_rows_of_a_joint_that_are_kept_are_not_solved_again():
     again = scso.solve_trajectory(problem, baseline=baseline)
     assert again.report.kept_frames == 0
     np.testing.assert_allclose(again.activation, scso.solve_trajectory(problem).activation, atol=1e-8)
+
+
+def test_of_frames_that_are_coupled_nobody_says_how_many_are_kept():
+    problem = two_antagonists(30.0, q=6.0)
+    coupled = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
+    baseline = scso.solve_trajectory(problem.without_stability())
+    assert scso.solve_trajectory(problem, baseline=baseline).report.kept(1).endswith("in 1 of 1 frames")
+    assert scso.solve_trajectory(coupled, baseline=baseline).report.kept(1) == ""
 
 
 def test_a_baseline_of_another_objective_or_motion_is_not_believed(rng):
