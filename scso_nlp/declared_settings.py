@@ -313,6 +313,9 @@ SETTINGS = {setting.name: setting for setting in (
     Setting("muscle_model", _one_of(*MUSCLE_MODELS), PROBLEM, example='"opensim-rigid"',
         default="by muscle_physiology", help="OpenSim's own capacity, the textbook's rigid tendon, elastic "
         "tendons, or strength alone; instead of muscle_physiology"),
+    Setting("short_fibers", _one_of("refuse", "silence"), PROBLEM, example='"silence"', default="refuse",
+        help="What becomes of paths too short for their tendon, with physical-rigid or compliant: they are "
+        "refused, or the muscle rests there"),
     Setting("weights", WEIGHTS, PROBLEM, example='"volume"', default="1 for all",
         help="Weights of activations: the muscles' volumes or cross-sections, or by name or pattern"),
     Setting("passive_elements", _one_of("taken_off", "left_in"), PROBLEM, example='"taken_off"',

@@ -306,9 +306,10 @@ def describe(settings: RunSettings, motion: Motion) -> MuscleForceProblem:
     -------
     MuscleForceProblem
     """
+    fibers = {} if settings.short_fibers == "refuse" else {"short_fibers": settings.short_fibers}
     plain = static_optimization(
         motion,
-        muscle_model=MUSCLE_MODELS[settings.muscle_model].make(),
+        muscle_model=MUSCLE_MODELS[settings.muscle_model].make(**fibers),
         exponent=settings.exponent,
         weights=settings.weights,
         passive_elements=settings.passive_elements,

@@ -149,6 +149,8 @@ class RunSettings:
     muscle_model : "opensim-rigid", "physical-rigid", "compliant" or "none"
         Force-length-velocity as OpenSim's static optimization has it, with the textbook's rigid tendon, or
         with elastic tendons; or force proportional to activation.
+    short_fibers : "refuse" or "silence"
+        As for :class:`~scso_nlp.RigidTendon` and :class:`~scso_nlp.CompliantTendon`.
     stability : StabilityConstraint or None
         None: plain static optimization.
     emg : EmgSettings
@@ -174,6 +176,7 @@ class RunSettings:
     joint_reaction_cone: Mapping[str, Sequence[float]] | None = None
     joint_reaction_soft: float | None = None
     muscle_model: str = "opensim-rigid"
+    short_fibers: Literal["refuse", "silence"] = "refuse"
     stability: StabilityConstraint | None = None
     emg: EmgSettings = field(default_factory=EmgSettings)
     solver: str = "trajectory"
@@ -186,6 +189,11 @@ class RunSettings:
         for name, known in (("solver", SOLVERS), ("muscle_model", MUSCLE_MODELS)):
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}")
+        if self.short_fibers != "refuse" and self.muscle_model not in ("physical-rigid", "compliant"):
+            raise ProblemError(
+                f"short_fibers has no effect on the muscle model {self.muscle_model!r}, expected "
+                "'physical-rigid' or 'compliant'"
+            )
         for part in (self.motion.name, self.analysis_name):
             check_name(part)
         if self.joint_reaction_soft is not None and not (

@@ -91,6 +91,7 @@ ARRIVES = {
     "exponent": ("inf", "inf", math.inf),
     "muscle_physiology": (True, "true", True),
     "muscle_model": ("compliant", '"compliant"', "compliant"),
+    "short_fibers": ("silence", '"silence"', "silence"),
     "weights": ("ES*=2,RA_*=.5", '{ "ES*" = 2, "RA_*" = 0.5 }', {"ES*": 2.0, "RA_*": 0.5}),
     "passive_elements": ("left_in", '"left_in"', "left_in"),
     "activation_rate": ("constant", '"constant"', "constant"),
@@ -143,11 +144,13 @@ def method_for(name):
 def beside(name, folder):
     """Write what a setting does not go without, and give the lines that name it."""
     lines = {"setup": f"'{SPINE / 'setup.xml'}'", "stability": f"'{method_for(name)}'"}
-    laws = {"half_force": "falling", "tendon_compliance": "short-range"}
-    if name in laws:
-        lines["stiffness"] = f'"{laws[name]}"'
-    if name == "joint_reaction_soft":
-        lines["joint_reaction_limit"] = "'3BW'"
+    needed = {
+        "half_force": ("stiffness", '"falling"'),
+        "tendon_compliance": ("stiffness", '"short-range"'),
+        "joint_reaction_soft": ("joint_reaction_limit", '"3BW"'),
+        "short_fibers": ("muscle_model", '"compliant"'),
+    }
+    lines |= [needed[name]] if name in needed else []
     if not SETTINGS[name].place.startswith("emg."):
         return lines
     rows = "".join(f"{k / 1000},{k % 7 / 7}\n" for k in range(1000))
@@ -326,10 +329,13 @@ def test_terms_beside_stability_are_described_by_settings(tmp_path):
         activation_dynamics = true
         weights = "pcsa"
         exponent = 3
+        muscle_model = "physical-rigid"
+        short_fibers = "silence"
     """
     settings, _ = read_settings(with_setup(tmp_path, text))
     motion = random_problem(np.random.default_rng(5), n_frames=3, n_muscles=4, reserve=5.0).motion
     problem = describe(settings, motion)
+    assert problem.muscle_model == scso.RigidTendon(convention="physical", short_fibers="silence")
     assert problem.objectives == (scso.ActivationEffort(exponent=3.0, weights="pcsa"),)
     assert problem.constraints == (
         scso.MomentEquilibrium(passive_elements="left_in"),
@@ -522,6 +528,7 @@ def test_the_settings_of_every_example_are_read(name):
             DataError,
             r"is {'a': \[0, 0, 1\]}, expected a table { \"name\" = \[x, y, z, slope\]",
         ),
+        ("short_fibers = 'silence'", ProblemError, "has no effect on the muscle model 'none'"),
         ("joint_reaction_soft = 1", ProblemError, "needs joint_reaction_limit or joint_reaction_cone"),
         ("a = ", FileFormatError, "is not TOML"),
     ],

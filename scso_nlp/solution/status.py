@@ -20,7 +20,7 @@ class Status(enum.Enum):
     """How the solve of a frame ended; the value is a sentence with the remedy."""
 
     SOLVED = "Solved to the requested tolerance."
-    STABILITY_MISSED = "Solved, and a soft stability level is missed at its price; see what is missed."
+    STABILITY_MISSED = "Solved, and a soft level or limit is missed at its price; see what is missed."
     ACCEPTABLE = "Solved to a looser tolerance than requested; check the violations before use."
     INFEASIBLE = (
         "No activations within their bounds satisfy all rows, which is proven; see the named rows, add "
