@@ -16,19 +16,20 @@ curvature :math:`C_{ij} = 2 \langle\Lambda, G_i G^+ G_j\rangle` (Shapiro 1997, M
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from scso_nlp.sensitivities.equations import Linear, Part, dense_rows, factorised, sparse
 from scso_nlp.sensitivities.kept_bounds import bounds_kept_by_rows
+from scso_nlp.sensitivities.turned import Turned, turned_at
 from scso_nlp.solution import Solution
 from scso_nlp.solver.judge import unknowns_of
 from scso_nlp.transcription.by_data import MULTIPLIERS, weighted
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import first_order, second_order
-from scso_nlp.transcription.turns import MatrixModel, matrix_models
+from scso_nlp.transcription.turns import matrix_models
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
 #: Multipliers and distances below this share of what they are made of are zero: the active set is not strict.
@@ -40,12 +41,7 @@ SINGULAR = 1e10
 _ARRIVED, _MOST_STEPS = 1e-9, 8
 #: An unknown nearer to a bound than this much of the frame's largest, or of one, is at it [-].
 _AT_BOUND = 1e-9
-#: What is added to equations that are exactly singular, so that the other frames have their answer.
-_RIDGE = 1e-13
 _TINY = float(np.finfo(float).tiny)
-
-#: Entries of a matrix of all frames, with their rows and columns, each of shape (n, n_entries).
-Part = tuple[FloatArray, IntArray, IntArray]
 
 
 @dataclass(kw_only=True)
@@ -55,90 +51,6 @@ class Point:
     x: FloatArray
     row: FloatArray
     matrices: list[FloatArray]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Turned:
-    """A matrix of every frame in the basis of its eigenvectors, those of its multiplier turned to its own.
-
-    Attributes
-    ----------
-    basis : ndarray, shape (n_frames, d, d)
-        Vectors as columns, the active ones first.
-    psi, value : ndarray, shape (n_frames, d)
-        Multiplier and eigenvalue of each.
-    active : ndarray of bool, shape (n_frames, d)
-        Which carry a multiplier.
-    pairs : pair of ndarray of int, shape (n_pairs,)
-        Of vectors; each pair of active ones is a row.
-    rows : ndarray, shape (n_frames, n_pairs, n_entries)
-        By what entries of the lower triangle count in q_a'G q_b, scaled; zero for other pairs.
-    bend : ndarray, shape (n_frames, d², n_entries)
-        The root of the curvature C.
-    margin : ndarray, shape (n_frames, d)
-        Multiplier or eigenvalue as share of what it is made of.
-    slopes : ndarray, shape (n_frames, n_entries, size)
-        Derivatives of the lower triangle by the unknowns.
-    """
-
-    basis: FloatArray
-    psi: FloatArray
-    value: FloatArray
-    active: BoolArray
-    pairs: tuple[IntArray, IntArray]
-    rows: FloatArray
-    bend: FloatArray
-    margin: FloatArray
-    slopes: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True)
-class Linear:
-    """The conditions near a point: scaled and factorised.
-
-    Attributes
-    ----------
-    free : ndarray of int
-        Places of the free unknowns among all unknowns.
-    rows : ndarray of int
-        Places of the active rows among all rows.
-    frame : ndarray of int
-        Frame of every equation.
-    left : ndarray
-        What the conditions are missed by.
-    scale : ndarray
-        Of equations and of their unknowns.
-    matrix, factors
-        The scaled equations, and their factorisation.
-    slope : sparse matrix, shape (n_all_rows, n_all_unknowns)
-        Derivatives of all rows, those of matrices behind the others.
-    """
-
-    free: IntArray
-    rows: IntArray
-    frame: IntArray
-    left: FloatArray
-    scale: FloatArray
-    matrix: sp.csc_matrix
-    factors: object
-    slope: sp.csr_matrix = field(repr=False)
-
-    def solve(self, right: FloatArray) -> FloatArray:
-        """Solve with right sides (n_equations, …), refined once."""
-        scale = self.scale.reshape(-1, *[1] * (right.ndim - 1))
-        right = scale * right
-        found = self.factors.solve(right)  # type: ignore[attr-defined]
-        found += self.factors.solve(right - self.matrix @ found)  # type: ignore[attr-defined]
-        return np.asarray(scale * found)
-
-    def answer_to_noise(self, n_frames: int) -> FloatArray:
-        """Give the largest answer of each frame to random right sides near one, in scaled equations."""
-        rng = np.random.default_rng(0)
-        noise = rng.choice([-1.0, 1.0], (self.frame.size, 2))
-        found = np.abs(self.factors.solve(noise)).max(axis=1, initial=0.0)  # type: ignore[attr-defined]
-        largest = np.zeros(n_frames)
-        np.maximum.at(largest, self.frame, np.nan_to_num(found, nan=np.inf))
-        return largest
 
 
 class Conditions:
@@ -198,7 +110,7 @@ class Conditions:
             parts.append((affine.values[:n], self.places(is_pair, affine.row), column))
         self.row_lower, self.row_upper = np.concatenate(lower), np.concatenate(upper)
         self.is_empty = np.concatenate(empty)
-        self.affine = _sparse(parts, (self.frame_of_row.size, self.n * self.size))
+        self.affine = sparse(parts, (self.frame_of_row.size, self.n * self.size))
 
     def _point(self, solution: Solution) -> Point:
         """Unknowns and judged multipliers of a solution, in the program's scale and the solver's sign."""
@@ -276,7 +188,7 @@ class Conditions:
             column = np.arange(len(value))[:, None] * self.size + derivatives.column
             parts.append((entries, self.places(is_pair, rows[derivatives.row]), column))
         if parts:
-            slope = slope + _sparse(parts, slope.shape)
+            slope = slope + sparse(parts, slope.shape)
         self.slope = slope
         force = np.zeros((self.n, self.size))
         self.rise = np.zeros((self.n, self.size))
@@ -294,55 +206,13 @@ class Conditions:
         )
         before: list[BoolArray | None] = [None if choose else turned.active for turned in self.turned]
         self.turned = [
-            self._turned(model, multiplier, active)
+            turned_at(model, x, arrays, multiplier=multiplier, active=active, largest=self.largest)
             for model, multiplier, active in zip(
                 self.models, self.point.matrices, before or [None] * len(self.models), strict=True
             )
         ]
         if choose:
             self._choose()
-
-    def _turned(self, model: MatrixModel, multiplier: FloatArray, active: BoolArray | None) -> Turned:
-        entries, slopes = model.triangle(self.point.x, self.program.arrays)
-        filled = model.block.filled(entries)
-        value, basis = np.linalg.eigh(filled)
-        psi = np.einsum("kia,kij,kja->ka", basis, multiplier, basis)
-        d = value.shape[1]
-        own = np.abs(entries).max(axis=1) + (np.abs(slopes) * np.abs(self.point.x[:, None])).sum(axis=2).max(
-            axis=1
-        )
-        pushed = np.abs(slopes).max(axis=(1, 2), initial=0.0) * np.abs(psi).T / self.largest
-        margin = np.abs(value).T / np.maximum(own, _TINY)
-        active = (pushed > margin).T if active is None else active
-        active = np.arange(d) < active.sum(axis=1)[:, None]  # they turn, but stay the smallest
-        # a basis of the active ones in which their multiplier is diagonal
-        both = active[:, :, None] & active[:, None, :]
-        inner = np.where(both, np.einsum("kia,kij,kjb->kab", basis, multiplier, basis), 0.0)
-        spread = np.where(active, 0.0, 1.0 + d * np.abs(inner).max(axis=(1, 2), initial=0.0)[:, None])
-        psi, turn = np.linalg.eigh(inner + spread[:, :, None] * np.eye(d))
-        basis = np.where(active[:, None], basis @ turn, basis)
-        psi = np.where(active, psi, 0.0)
-        first, second = np.triu_indices(d)
-        rows = model.products(basis[:, :, first].transpose(0, 2, 1), basis[:, :, second].transpose(0, 2, 1))
-        rows = np.where((active[:, first] & active[:, second])[:, :, None], rows, 0.0) / model.block.scale
-        a, i = (v.ravel() for v in np.indices((d, d)))
-        bend = model.products(basis[:, :, a].transpose(0, 2, 1), basis[:, :, i].transpose(0, 2, 1))
-        is_bend = active[:, a] & ~active[:, i]
-        share = np.where(is_bend, 2 * np.maximum(psi[:, a], 0.0) / np.where(is_bend, value[:, i], 1.0), 0.0)
-        strength = np.where(
-            active, (np.abs(psi).T * np.abs(slopes).max(axis=(1, 2), initial=0.0) / self.largest).T, margin.T
-        )
-        return Turned(
-            basis=basis,
-            psi=psi,
-            value=value,
-            active=active,
-            pairs=(first, second),
-            rows=rows,
-            bend=np.sqrt(np.abs(share))[:, :, None] * bend,
-            margin=np.where(active & (psi < 0), 0.0, np.where(active | (value > 0), strength, 0.0)),
-            slopes=slopes,
-        )
 
     def _choose(self) -> None:
         """Take bounds and rows whose multipliers outweigh their distances as active."""
@@ -388,15 +258,9 @@ class Conditions:
     def lagrangian(self) -> FloatArray:
         """Gradient of the Lagrangian by all unknowns, bounds aside."""
         force = self.gradient.reshape(self.n, self.size).copy()
-        for turned, model in zip(self.turned, self.models, strict=True):
-            force -= np.einsum("ke,kes->ks", self.weights(turned, model), turned.slopes)
+        for turned in self.turned:
+            force -= np.einsum("ke,kes->ks", turned.weights, turned.slopes)
         return force.ravel()
-
-    def weights(self, turned: Turned, model: MatrixModel) -> FloatArray:
-        """By what the entries of a lower triangle count in <Lambda, G>, shape (n_frames, n_entries)."""
-        row, column = model.block.triangle
-        multiplier = np.einsum("kia,ka,kja->kij", turned.basis, turned.psi, turned.basis)
-        return np.where(row == column, 1.0, 2.0) * multiplier[:, row, column]
 
     def _strengths(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Multipliers of rows over the largest slope, and distances to both bounds over the row's size."""
@@ -444,19 +308,14 @@ class Conditions:
         for rows, derivatives, curvature in self.curved:
             lam = self.point.row[self.places(int(derivatives.piece.is_pair), rows)]
             add(curvature.at(x, {**arrays, MULTIPLIERS: lam})[1], curvature.row, curvature.column)
-        for model, turned, bent in zip(self.models, self.turned, self.bent, strict=True):
+        for turned, bent in zip(self.turned, self.bent, strict=True):
             if bent is not None:
-                of_weights = self.by_weights(turned, model)
+                of_weights = turned.by_weights(arrays)
                 add(-bent.at(x, {**arrays, MULTIPLIERS: of_weights})[1], bent.row, bent.column)
             root = turned.bend @ turned.slopes
             row, column = (v.ravel() for v in np.indices((self.size, self.size)))
             add((root.transpose(0, 2, 1) @ root).reshape(self.n, -1), row, column)
         return parts
-
-    def by_weights(self, turned: Turned, model: MatrixModel) -> FloatArray:
-        """By what the weights of a matrix inequality count in <Lambda, G>, shape (n_frames, n_weights)."""
-        matrices = self.program.arrays[model.block.matrices]
-        return np.asarray(np.einsum("ke,kew->kw", self.weights(turned, model), matrices))
 
     def _broken_frames(self, parts: Sequence[Part]) -> BoolArray:
         """Tell in which frames the curvature by free unknowns is not finite: powers below 2 at zero."""
@@ -473,20 +332,20 @@ class Conditions:
         free = np.flatnonzero((self.at_bound == 0) & alive[frame])
         shape = (self.n * self.size,) * 2
         kept = [(np.where(np.isfinite(entries), entries, 0.0), row, column) for entries, row, column in parts]
-        hessian = _sparse(kept, shape)[free][:, free]
+        hessian = sparse(kept, shape)[free][:, free]
         slopes, places, frames, left = [self.slope], [np.flatnonzero(self.at_row)], [self.frame_of_row], []
         bound = np.where(self.at_row == 1, self.row_upper, self.row_lower)
         left.append(np.where(self.at_row != 0, self.value - np.where(np.isfinite(bound), bound, 0.0), 0.0))
         start = self.frame_of_row.size
-        for model, turned in zip(self.models, self.turned, strict=True):
+        for turned in self.turned:
             n_pairs = turned.rows.shape[1]
             rows = turned.rows @ turned.slopes
-            slopes.append(_dense_rows(rows))
+            slopes.append(dense_rows(rows))
             first, second = turned.pairs
             used = turned.active[:, first] & turned.active[:, second]
             places.append(start + np.flatnonzero(used))
             frames.append(np.repeat(np.arange(self.n), n_pairs))
-            entries, _ = model.triangle(self.point.x, self.program.arrays)
+            entries, _ = turned.model.triangle(self.point.x, self.program.arrays)
             left.append((turned.rows @ entries[:, :, None]).ravel())
             start += n_pairs * self.n
         every, frame_of = np.concatenate(places), np.concatenate(frames)
@@ -494,13 +353,7 @@ class Conditions:
         slope = sp.vstack(slopes, format="csr")
         active = slope[rows][:, free]
         matrix = sp.bmat([[hessian, active.T], [active, None]], format="csr") if rows.size else hessian
-        scale = _equilibrated(matrix)
-        scaled = (sp.diags(scale) @ matrix @ sp.diags(scale)).tocsc()
-        try:
-            factors = splu(scaled)
-        except RuntimeError:  # exactly singular
-            ridge = np.concatenate([np.full(free.size, _RIDGE), np.full(rows.size, -_RIDGE)])
-            factors = splu((scaled + sp.diags(ridge)).tocsc())
+        scale, scaled, factors = factorised(matrix, free.size)
         return Linear(
             free=free,
             rows=rows,
@@ -535,62 +388,10 @@ class Conditions:
         far = np.abs(change_of_x).max(axis=1, initial=0.0) / size
         own = self.frame_of_row.size
         self.point.row = self.point.row + np.where(alive[self.frame_of_row], change[:own], 0.0)
-        for i, (model, turned) in enumerate(zip(self.models, self.turned, strict=True)):
+        for i, turned in enumerate(self.turned):
             n_all = turned.rows.shape[0] * turned.rows.shape[1]
             entries = np.einsum("kes,ks->ke", turned.slopes, change_of_x)
-            before = np.einsum("kia,ka,kja->kij", turned.basis, turned.psi, turned.basis)
-            self.point.matrices[i] = before + self.multiplier_change(
-                model, turned, change[own : own + n_all], entries
-            )
+            moved = turned.multiplier_change(change[own : own + n_all], entries)
+            self.point.matrices[i] = turned.multiplier + moved
             own += n_all
         return np.asarray(far)
-
-    def multiplier_change(
-        self, model: MatrixModel, turned: Turned, rows: FloatArray, entries: FloatArray
-    ) -> FloatArray:
-        """Change of the multiplier of a matrix (n_frames, d, d).
-
-        `rows` are the changes of the multipliers of its rows, `entries` (n_frames, n_entries) of the matrix.
-        """
-        basis, active = turned.basis, turned.active[:, None]
-        first, second = turned.pairs
-        psi = np.zeros_like(basis)
-        share = np.where(first == second, -1.0, -0.5) / model.block.scale
-        psi[:, first, second] = psi[:, second, first] = share * rows.reshape(self.n, -1)
-        inside = basis.transpose(0, 2, 1) @ model.block.filled(entries) @ basis
-        is_other = ~turned.active[:, :, None] & active
-        turn = np.where(is_other, -inside / np.where(is_other, turned.value[:, :, None], 1.0), 0.0)
-        half = (basis @ turn) * turned.psi[:, None]
-        half = half @ basis.transpose(0, 2, 1)
-        return basis @ psi @ basis.transpose(0, 2, 1) + half + half.transpose(0, 2, 1)
-
-
-def _sparse(parts: Sequence[Part], shape: tuple[int, int]) -> sp.csr_matrix:
-    """Add up entries with their rows and columns."""
-    if not parts:
-        return sp.csr_matrix(shape)
-    values, row, column = (np.concatenate([np.ravel(part[i]) for part in parts]) for i in range(3))
-    return sp.csr_matrix((values, (row, column)), shape=shape)
-
-
-def _dense_rows(rows: FloatArray) -> sp.csr_matrix:
-    """Rows (n_frames, n_rows, size) of each frame's own unknowns as one sparse matrix."""
-    n, m, size = rows.shape
-    row = np.repeat(np.arange(n * m), size)
-    column = (np.arange(n)[:, None, None] * size + np.broadcast_to(np.arange(size), (n, m, size))).ravel()
-    return sp.csr_matrix((rows.ravel(), (row, column)), shape=(n * m, n * size))
-
-
-def _equilibrated(matrix: sp.csr_matrix) -> FloatArray:
-    """Scale of rows and columns with which the largest entry of each is near one (Ruiz 2001)."""
-    length = np.diff(matrix.indptr)
-    start, row = matrix.indptr[:-1][length > 0], np.repeat(np.arange(length.size), length)
-    entries, scale = np.abs(matrix.data), np.ones(length.size)
-    for _ in range(5):
-        largest = np.zeros(length.size)
-        if start.size:
-            largest[length > 0] = np.maximum.reduceat(entries, start)
-        factor = 1 / np.sqrt(np.where(largest > 0, largest, 1.0))
-        scale *= factor
-        entries *= factor[row] * factor[matrix.indices]
-    return scale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -168,7 +169,7 @@ class Changes:
     costs: dict[str, FloatArray]
     n_frames: int
 
-    @property
+    @functools.cached_property
     def used(self) -> dict[Key, IntArray]:
         """Entries of a frame that some parameter changes, by array."""
         changed = {key: (change != 0).sum(axis=1).A1 > 0 for key, change in self.arrays.items()}

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from scso_nlp.sensitivities.conditions import Conditions, Turned
+from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Changes
+from scso_nlp.sensitivities.turned import Turned
 from scso_nlp.transcription.by_data import MULTIPLIERS, Slopes, by_data, gradient, weighted
 from scso_nlp.transcription.piece import Key, Piece
-from scso_nlp.transcription.turns import MatrixModel
 from scso_nlp.validation import FloatArray, IntArray
 
 
@@ -74,6 +74,8 @@ class _RightSides:
         for is_pair, table in enumerate((self.program.rows, self.program.pair_rows)):
             for block, where in table:
                 assert block.piece is not None
+                if not self._is_changed(block.piece):
+                    continue
                 piece = replace(block.piece, expression=block.piece.expression / block.scale)
                 places = self.conditions.places(is_pair, np.arange(where.start, where.stop))
                 self._add(self.values, piece, places)
@@ -84,10 +86,7 @@ class _RightSides:
         is_at_lower = (self.conditions.at_row == -1) | (self.conditions.at_row == 2)
         rows = self.values - np.where(is_at_lower[:, None], lower, 0.0)
         np.add.at(self.objective, self.conditions.frame_of_row, self.point.row[:, None] * rows)
-        of_matrices = [
-            self._matrix(model, turned)
-            for model, turned in zip(self.conditions.models, self.conditions.turned, strict=True)
-        ]
+        of_matrices = [self._matrix(turned) for turned in self.conditions.turned]
         return RightSides(
             lagrangian=self.lagrangian,
             rows=np.concatenate([rows, *(rows_of for _, rows_of in of_matrices)]),
@@ -96,6 +95,9 @@ class _RightSides:
             matrices=tuple(entries for entries, _ in of_matrices),
         )
 
+    def _is_changed(self, piece: Piece) -> bool:
+        return any(key in self.changes.used for _, key in piece.data)
+
     def _unknowns(self, piece: Piece) -> IntArray:
         """Places of the unknowns that each frame or pair of a piece sees."""
         n = self.n - piece.is_pair
@@ -103,8 +105,9 @@ class _RightSides:
 
     def _cost(self, piece: Piece, factor: FloatArray) -> None:
         frames = np.arange(self.n - piece.is_pair)
-        self._add(self.objective, piece, frames[:, None])
-        self._add(self.lagrangian, gradient(piece), self._unknowns(piece))
+        if self._is_changed(piece):
+            self._add(self.objective, piece, frames[:, None])
+            self._add(self.lagrangian, gradient(piece), self._unknowns(piece))
         if factor.any():
             arrays = self.program.arrays
             self.objective[frames] += piece.values(self.point.x, arrays) * factor
@@ -120,16 +123,17 @@ class _RightSides:
             found = product(slopes, self.changes, places)
             target[: len(found)] += found
 
-    def _matrix(self, model: MatrixModel, turned: Turned) -> tuple[FloatArray, FloatArray]:
+    def _matrix(self, turned: Turned) -> tuple[FloatArray, FloatArray]:
         """Change of a matrix less its levels, and of its rows; that of the Lagrangian is added."""
-        block, arrays, conditions = model.block, self.program.arrays, self.conditions
+        model, arrays = turned.model, self.program.arrays
+        block = model.block
         weights, by_unknowns = model.derivatives.at(self.point.x, arrays)
         n_weights, matrices = weights.shape[1], arrays[block.matrices]
         keys = self.changes.used
         places = np.arange(self.n * n_weights).reshape(self.n, n_weights)
         of_weights = product(by_data(block.piece, keys, self.point.x, arrays), self.changes, places)
         entries = matrices @ of_weights.reshape(self.n, n_weights, -1)
-        counted = conditions.weights(turned, model)
+        counted = turned.weights
         if block.matrices in keys:
             change = self.changes.arrays[block.matrices].toarray().reshape(*matrices.shape, -1)
             entries += np.einsum("kewp,kw->kep", change, weights)
@@ -141,7 +145,7 @@ class _RightSides:
             entries += self.changes.arrays[block.constant].toarray().reshape(*entries.shape)
         row, column = block.triangle
         entries -= np.where((row == column)[:, None], self.changes.levels[block.term][row], 0.0)
-        multipliers = {MULTIPLIERS: conditions.by_weights(turned, model)}
+        multipliers = {MULTIPLIERS: turned.by_weights(arrays)}
         slopes = by_data(gradient(weighted(block.piece)), keys, self.point.x, {**arrays, **multipliers})
         self.lagrangian -= product(slopes, self.changes, self._unknowns(block.piece))
         bend = turned.bend @ turned.slopes

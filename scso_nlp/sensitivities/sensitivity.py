@@ -275,13 +275,13 @@ class _Differentiated:
         own = len(values)
         row_value, row_multiplier = self._by_term(values, multipliers[:own], by_frame)
         matrices = {}
-        for i, (model, turned) in enumerate(zip(conditions.models, conditions.turned, strict=True)):
+        for i, turned in enumerate(conditions.turned):
             n_all = turned.rows.shape[0] * turned.rows.shape[1]
             change = turned.slopes @ by_frame.transpose(0, 2, 1) + right.matrices[i]
-            matrices[model.block.term] = self._blanked(
+            matrices[turned.model.block.term] = self._blanked(
                 np.stack(
                     [
-                        conditions.multiplier_change(model, turned, rows, change[:, :, k])
+                        turned.multiplier_change(rows, change[:, :, k])
                         for k, rows in enumerate(multipliers[own : own + n_all].T)
                     ],
                     axis=1,
