@@ -49,12 +49,14 @@ def lines(the_set: Set) -> Iterator[str]:
         trial = scso.MeasuredTrial(problem=problem, measured=part.emg, unit=unit)
         found = scso.calibrate({the_set.name: trial})
         cells = [the_set.name, method.partition(",")[0], f"{len(found.units)}"]
-        notes = ", rows idle" * int(found.is_flat[0]) + ", at its bound" * int(found.is_at_bound[0])
-        cells += [f"{found.value[0]:.3g} ± {found.standard_error[0]:.2g}{notes}"]
+        spread = f" ± {found.standard_error[0]:.2g}"
+        how = ", rows idle" if found.is_flat[0] else ", at its bound" if found.is_at_bound[0] else spread
+        cells += [f"{found.value[0]:.3g}{how}"]
         cells += [f"{e.mean():.4f}" for e in (found.error, found.error_at_start, found.error_of_plain)]
         for metric, errors in left_out_errors(part, problem, found).items():
             mean, low, high = rules.interval(errors - plain[metric])
-            cells.append(f"{mean:+.4f} ({low:+.4f} to {high:+.4f})")
+            is_same = np.allclose(errors, plain[metric], atol=5e-5)
+            cells.append("none" if is_same else f"{mean:+.4f} ({low:+.4f} to {high:+.4f})")
         yield f"| {' | '.join(cells)} |"
 
 

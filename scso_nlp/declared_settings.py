@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import os
 import pkgutil
+import re
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
@@ -112,6 +113,11 @@ def _cones(text: str) -> dict[str, list[float]]:
     return _by_name(text, lambda values: [number(value) for value in values.split()])
 
 
+def _parameters(text: str) -> list[str]:
+    # commas between brackets part names of one parameter
+    return [part.strip() for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
+
+
 def _whole_number(text: str) -> int:
     number(text)
     return int(text)
@@ -139,6 +145,8 @@ NAMES = Kind(list[str], "a list of names in quotes", "NAME,...", _list)
 NUMBER_OR_TABLE = Kind(
     float | dict[str, float], f"a number, or {_TABLE}", "NUMBER|NAME=NUMBER,...", _table_or_number
 )
+TABLE = Kind(dict[str, float], _TABLE, "NAME=NUMBER,...", _by_name)
+PARAMETERS = Kind(list[str], "a list of names in quotes", "q|q[NAME,...]|level[ROW],...", _parameters)
 TABLE_OR_PATH = Kind(
     dict[str, float] | str, f"{_TABLE}, or a path in quotes", "PATH|NAME=NUMBER,...", _table_or_text,
     accepts=lambda value: isinstance(value, dict) or value.strip(), is_path=True,
@@ -264,6 +272,7 @@ MOTION = Group("The motion: an AnalyzeTool setup file, or its parts by name", "m
 PROBLEM = Group("The problem", "run")
 STABILITY = Group("Joint stability", "stability")
 EMG = Group("Electromyography", "emg")
+CALIBRATION = Group("Calibration, for scso calibrate alone", "calibration")
 SOLVER = Group("The solver", "options")
 OUTPUT = Group("The output", "output")
 
@@ -386,6 +395,22 @@ SETTINGS = {setting.name: setting for setting in (
         help="Weight of squared distances of activations from EMG in the objective"),
     Setting("emg_bounds", NUMBER, EMG, place="emg.bounds", example="0.1", default="none",
         help="Keep activations at most so far from EMG"),
+    Setting("emg_compare", _one_of("levels", "shapes"), EMG, place="emg.compare", example='"levels"',
+        default="none", help="Let scso calibrate compare activations with EMG: levels where it is a share of "
+        "the maximal contraction, else shapes"),
+    Setting("calibrated", PARAMETERS, CALIBRATION, place="calibration.parameters",
+        example='["q[ES*,MF*]", "q[RA*]"]', default="q",
+        help="What is found: q or q[muscles], one gain for all that fit, and level or level[rows]"),
+    Setting("measured_stiffness", NUMBER, CALIBRATION, place="calibration.stiffness", unit="N/m",
+        example="14500.0", default="none", help="Stiffness of a point that is to be met instead of EMG; with "
+        "an arm of 1 that of a row [N.m/rad]"),
+    Setting("stiffness_arms", TABLE, CALIBRATION, place="calibration.arms", unit="m",
+        example='{ "L5_S1_IVDjnt_z" = 0.3 }', default="none",
+        help="Distances of that point from the axes of rows, by row"),
+    Setting("unit", TEXT, CALIBRATION, example='"person 1"', default="each trial by itself",
+        help="Trials of one unit are left out together"),
+    Setting("same_data", FLAG, CALIBRATION, example="false", default="false",
+        help="Find and test on the same data, leaving nothing out"),
     Setting("solver", _one_of(*SOLVERS), SOLVER, place="run.solver", example='"trajectory"',
         default="trajectory", help="All frames together (trajectory), or one after the other (framewise)"),
     Setting("tolerance", NUMBER, SOLVER, example="1e-10", default="1e-10",

@@ -75,6 +75,8 @@ class EmgSettings:
         Weight of :class:`~scso_nlp.EmgTracking`.
     bounds : float or None [-]
         Width on both sides of :class:`~scso_nlp.EmgBounds`.
+    compare : "levels", "shapes" or None
+        What :class:`~scso_nlp.MeasuredEmg` compares in a calibration.
     """
 
     file: Path | None = None
@@ -83,17 +85,21 @@ class EmgSettings:
     offset: float = 0.0
     tracking: float | None = None
     bounds: float | None = None
+    compare: Literal["levels", "shapes"] | None = None
 
     def __post_init__(self) -> None:
-        is_idle = self.tracking is None and self.bounds is None
+        is_idle = self.tracking is None and self.bounds is None and self.compare is None
         is_without = self.file is None and self.map is None and not self.is_raw and not self.offset
         if is_without and is_idle:
             return
         if self.file is None or self.map is None:
             raise ProblemError("EMG takes a file and a map of its channels, expected emg and emg_map")
         if is_idle:
-            raise ProblemError(f"{self.file} has no effect, expected emg_tracking or emg_bounds beside it")
-        self.objectives, self.constraints  # noqa: B018 - reads the files, and the terms check the numbers
+            raise ProblemError(
+                f"{self.file} has no effect, expected emg_tracking or emg_bounds beside it, or, for scso "
+                "calibrate, emg_compare"
+            )
+        self.activity, self.objectives, self.constraints  # noqa: B018 - reads the files, and the terms check the numbers
 
     @functools.cached_property
     def activity(self) -> MuscleActivity:
@@ -115,6 +121,30 @@ class EmgSettings:
         if self.bounds is None:
             return ()
         return (EmgBounds(activity=self.activity, below=self.bounds, above=self.bounds),)
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class CalibrationSettings:
+    """What ``scso calibrate`` finds, besides the EMG that it compares with; a run looks at none of it.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        As for :func:`~scso_nlp.calibrate`.
+    stiffness : float or None [N/m]
+    arms : mapping of str to float, or None [m]
+        As for :class:`~scso_nlp.MeasuredStiffness`.
+    unit : str
+        As for :class:`~scso_nlp.MeasuredTrial`.
+    same_data : bool
+    """
+
+    parameters: tuple[str, ...] = ("q",)
+    stiffness: float | None = None
+    arms: Mapping[str, float] | None = None
+    unit: str = ""
+    same_data: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +184,7 @@ class RunSettings:
     stability : StabilityConstraint or None
         None: plain static optimization.
     emg : EmgSettings
+    calibration : CalibrationSettings
     solver : "trajectory" or "framewise"
     options : SolverOptions
     setup : Path or None
@@ -179,6 +210,7 @@ class RunSettings:
     short_fibers: Literal["refuse", "silence"] = "refuse"
     stability: StabilityConstraint | None = None
     emg: EmgSettings = field(default_factory=EmgSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     solver: str = "trajectory"
     options: SolverOptions = field(default_factory=SolverOptions)
     setup: Path | None = None
@@ -328,6 +360,22 @@ def read_settings(
     """
     path = absolute(path)
     before = hashes(filter(os.path.isfile, [path]))
+    output = {"folder": path.parent / RESULTS / path.stem}
+    return _settings(given_settings(path, changes), str(path), before, output)
+
+
+def given_settings(path: Path, changes: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Read what a file and options say, each setting by its name, paths absolute; see :func:`read_settings`.
+
+    Parameters
+    ----------
+    path : Path
+    changes : mapping of str to object, optional
+
+    Returns
+    -------
+    dict of str to object
+    """
     changes = {name: value for name, value in (changes or {}).items() if value is not None}
     changed = check_settings(changes, "the options", Path.cwd(), as_option=True)
     if path.suffix.lower() == ".toml":
@@ -337,8 +385,7 @@ def read_settings(
     else:
         given = {"setup": path}
     _refuse_idle_stability(given, changed)
-    output = {"folder": path.parent / RESULTS / path.stem}
-    return _settings(overlaid(given, changed), str(path), before, output)
+    return overlaid(given, changed)
 
 
 @checked
@@ -485,6 +532,7 @@ def _run_settings(
     own["motion"] = with_changes(setup.motion if setup else None, changes)
     own["stability"] = _stability(given)
     own["emg"] = EmgSettings(**_fields("emg", given))
+    own["calibration"] = CalibrationSettings(**_fields("calibration", given))
     return RunSettings(
         **own,
         muscle_model=_muscle_model(given, setup),

@@ -35,7 +35,14 @@ from scso_nlp.files import hashes
 from scso_nlp.muscle_models.stiffness_law import FiberStiffness, ProportionalStiffness, ShortRangeStiffness
 from scso_nlp.opensim.setup_xml import MotionInput
 from scso_nlp.run import describe
-from scso_nlp.settings import EmgSettings, OutputSettings, RunSettings, read_settings, record
+from scso_nlp.settings import (
+    CalibrationSettings,
+    EmgSettings,
+    OutputSettings,
+    RunSettings,
+    read_settings,
+    record,
+)
 from scso_nlp.solver import SolverOptions
 
 SPINE = example_folder("spine-load-height")
@@ -120,6 +127,12 @@ ARRIVES = {
     "emg_offset": ("-.5", "-0.5", -0.5),
     "emg_tracking": ("3", "3", 3.0),
     "emg_bounds": (".1", "0.1", 0.1),
+    "emg_compare": ("shapes", '"shapes"', "shapes"),
+    "calibrated": ("q[RA*,ES*],level[a]", '["q[RA*,ES*]", "level[a]"]', ("q[RA*,ES*]", "level[a]")),
+    "measured_stiffness": ("14500", "14500", 14500.0),
+    "stiffness_arms": ("a=.3,b=1", '{ "a" = 0.3, "b" = 1 }', {"a": 0.3, "b": 1.0}),
+    "unit": ("person 1", '"person 1"', "person 1"),
+    "same_data": (True, "true", True),
     "solver": ("framewise", '"framewise"', "framewise"),
     "tolerance": ("1e-6", "1e-6", 1e-6),
     "max_iterations": ("50", "50", 50),
@@ -256,6 +269,7 @@ def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in
         "options": SolverOptions,
         "output": OutputSettings,
         "emg": EmgSettings,
+        "calibration": CalibrationSettings,
         "stability": HessianStability,
     }
     missing = {
@@ -265,7 +279,15 @@ def test_every_field_of_the_parts_of_a_run_is_a_setting_but_those_a_run_fills_in
         if f"{part}.{item.name}" not in places
     }
     assert missing <= {
-        *("run.motion", "run.options", "run.emg", "run.analysis_name", "run.sources", "run.notes"),
+        *(
+            "run.motion",
+            "run.options",
+            "run.emg",
+            "run.calibration",
+            "run.analysis_name",
+            "run.sources",
+            "run.notes",
+        ),
         *("motion.stability_axes", "motion.curvature_coordinates", "motion.muscle_paths"),
         *("stability.passive_matrix", "stability.model_passive", "stability.label"),
         "options.ipopt",

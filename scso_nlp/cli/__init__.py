@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from scso_nlp.cli.batch import batch
+from scso_nlp.cli.calibrate import calibrate
 from scso_nlp.cli.compare import compare
 from scso_nlp.cli.doctor import doctor
 from scso_nlp.cli.example import example
@@ -43,5 +44,5 @@ def _options(
     """Take the options that stand before a command."""
 
 
-for _command in (run, batch, init, info, doctor, example, compare, plot, report, reach):
+for _command in (run, batch, init, info, doctor, example, compare, plot, report, reach, calibrate):
     app.command()(_command)
