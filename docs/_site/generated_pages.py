@@ -36,7 +36,7 @@ API_PAGES = {
     "constraints": ("Constraints", ("constraints", "stability")),
     "solve": ("Solving", ("solver",)),
     "solution": ("Solutions", ("solution", "contributions")),
-    "sensitivities": ("Sensitivities", ("sensitivities",)),
+    "sensitivities": ("Sensitivities and calibration", ("sensitivities", "calibration")),
     "results": ("Files and figures", ("report", "figures")),
     "terms": ("The language of terms", ("frame", "transcription")),
     "exceptions": ("Errors", ("exceptions",)),

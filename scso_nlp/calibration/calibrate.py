@@ -53,9 +53,10 @@ class Calibration:
     error : ndarray, shape (n_units,)
         Of each unit, with `value_without`.
     error_at_start : ndarray, shape (n_units,)
-        Each parameter at the mean of the problems' own numbers.
+        With each parameter at the mean of the problems' own numbers, within its bounds; infinite where some
+        frame has no answer there.
     error_of_plain : ndarray, shape (n_units,)
-        Without stability rows; NaN for stiffness, which has none without its rows.
+        Without stability rows; NaN where some frame has no answer, and for stiffness, which is of the rows.
     meaning : str
         What an error is.
     is_same_data : bool
@@ -205,20 +206,21 @@ def calibrate(
             "tests on the same data"
         )
     starts = search.starts(start)
-    tried = [[each.errors_if_solved(values) for each in whole] for values in starts]
+    tried = np.array(
+        [_by_unit([each.errors_if_solved(values) for each in whole], units) for values in starts]
+    )
 
-    def best_start(without: str = "") -> FloatArray:
-        sums = [sum(e for each in found for unit, e in each.items() if unit != without) for found in tried]
-        return starts[int(np.argmin(sums))]
+    def best_start(used: BoolArray) -> FloatArray:
+        return starts[int(np.argmin(tried[:, used].sum(axis=1)))]
 
-    value = search.found(whole, best_start())
+    value = search.found(whole, best_start(np.ones(len(units), dtype=bool)))
     slope = np.concatenate([each.slopes(value) for each in whole])
     regular = np.concatenate([each.is_regular(value) for each in whole])
     without, error = np.tile(value, (len(units), 1)), _by_unit([each.errors(value) for each in whole], units)
     for i, unit in enumerate(units if not same_data else ()):
         STAGES.info("calibrating without %s, %d of %d", unit, i + 1, len(units))
         others = [part for each in whole if (part := each.only([u for u in units if u != unit]))]
-        without[i] = search.found(others, best_start(without=unit))
+        without[i] = search.found(others, best_start(np.arange(len(units)) != i))
         own = [part for each in whole if (part := each.only([unit]))]
         error[i] = _by_unit([each.errors(without[i]) for each in own], [unit])[0]
     return Calibration(
@@ -227,11 +229,11 @@ def calibrate(
         units=units,
         value_without=without,
         error=error,
-        error_at_start=_by_unit(tried[0], units),
+        error_at_start=tried[0],
         error_of_plain=_by_unit([each.errors_of_plain() for each in whole], units),
         meaning=whole[0].measured.meaning,
         is_same_data=same_data,
-        is_flat=np.linalg.norm(slope * search.scale(value), axis=0) <= _FLAT,
+        is_flat=(np.linalg.norm(slope * search.scale(value), axis=0) <= _FLAT) & regular.any(),
         is_at_bound=search.is_at_bound(value),
         n_frames=regular.size,
         n_without_derivatives=int((~regular).sum()),
@@ -451,7 +453,7 @@ class _Trial:
         )
         units = dict.fromkeys(self.labels.tolist())
         self.frames = {unit: np.flatnonzero(self.labels == unit) for unit in units}
-        self._solved: tuple[bytes, Solution] | None = None
+        self._last: tuple[bytes, Solution] | None = None
         self._change: tuple[bytes, Sensitivity] | None = None
 
     def only(self, units: Sequence[str]) -> _Trial | None:
@@ -477,29 +479,30 @@ class _Trial:
         return solve_trajectory(problem, options=self.options, on_failure="return")
 
     def errors_of_plain(self) -> dict[str, float]:
-        """Error of every unit without stability rows."""
+        """Error of every unit without stability rows; NaN where it is not known."""
         if isinstance(self.measured, MeasuredStiffness):
             return dict.fromkeys(self.frames, math.nan)
-        return self._errors(self.plain)
+        return self._errors(self.plain, math.nan)
 
     def errors(self, values: FloatArray) -> dict[str, float]:
         """Error of every unit."""
-        return self._errors(self._solution(values))
+        return self._errors(self._solved(values), math.nan)
 
     def errors_if_solved(self, values: FloatArray) -> dict[str, float]:
-        """Error of every unit, infinite where some frame has no answer."""
-        try:
-            return self.errors(values)
-        except ProblemError:
-            return dict.fromkeys(self.frames, math.inf)
+        """Error of every unit, infinite where some frame of it has no answer."""
+        return self._errors(self._solution(values), math.inf)
 
-    def _errors(self, solution: Solution) -> dict[str, float]:
-        residuals = {unit: self.measured.residuals(solution, frames) for unit, frames in self.frames.items()}
-        return {unit: float((found**2).sum()) for unit, found in residuals.items()}
+    def _errors(self, solution: Solution, otherwise: float) -> dict[str, float]:
+        return {
+            unit: float((self.measured.residuals(solution, frames) ** 2).sum())
+            if solution.is_solved[frames].all()
+            else otherwise
+            for unit, frames in self.frames.items()
+        }
 
     def residuals(self, values: FloatArray) -> FloatArray:
         """Residuals of all units, shape (n,)."""
-        solution = self._solution(values)
+        solution = self._solved(values)
         return np.concatenate(
             [self.measured.residuals(solution, frames).ravel() for frames in self.frames.values()]
         )
@@ -518,22 +521,26 @@ class _Trial:
 
     def _sensitivity(self, values: FloatArray) -> Sensitivity:
         if self._change is None or self._change[0] != values.tobytes():
-            self._change = values.tobytes(), sensitivity(self._solution(values), self.parameters)
+            self._change = values.tobytes(), sensitivity(self._solved(values), self.parameters)
         return self._change[1]
 
+    def _solved(self, values: FloatArray) -> Solution:
+        solution = self._solution(values)
+        if not solution.is_solved.all():
+            at = ", ".join(f"{p.name} = {v:.4g}" for p, v in zip(self.parameters, values, strict=True))
+            raise ProblemError(
+                f"trial {self.name!r}: {(~solution.is_solved).sum()} of {solution.is_solved.size} frames "
+                f"have no answer at {at}; give the rows a price (soft), or narrower bounds"
+            )
+        return solution
+
     def _solution(self, values: FloatArray) -> Solution:
-        if self._solved is None or self._solved[0] != values.tobytes():
+        if self._last is None or self._last[0] != values.tobytes():
             solution = solve_trajectory(
                 with_values(self.trial.problem, self.parameters, values),
                 baseline=self.plain,
                 options=self.options,
                 on_failure="return",
             )
-            if not solution.is_solved.all():
-                at = ", ".join(f"{p.name} = {v:.4g}" for p, v in zip(self.parameters, values, strict=True))
-                raise ProblemError(
-                    f"trial {self.name!r}: {(~solution.is_solved).sum()} of {solution.is_solved.size} frames "
-                    f"have no answer at {at}; give the rows a price (soft), or narrower bounds"
-                )
-            self._solved = values.tobytes(), solution
-        return self._solved[1]
+            self._last = values.tobytes(), solution
+        return self._last[1]

@@ -12,6 +12,7 @@ import typer
 from scso_nlp.cli.console import Console
 from scso_nlp.cli.exit_codes import FRAME_FAILED, exit_codes
 from scso_nlp.cli.options import Verbose, with_settings
+from scso_nlp.declared_settings import CALIBRATION, SETTINGS
 from scso_nlp.messages import kept_warnings
 from scso_nlp.signals import undisturbed
 
@@ -19,8 +20,11 @@ from scso_nlp.signals import undisturbed
 WIDTH = 160
 #: As many warnings about setups are told.
 MOST_WARNINGS = 5
-#: Settings that the study decides, or that no trials can share.
-NOT_FOR_STUDIES = ("setup", "output", "overwrite", "processes", "cache")
+#: Settings that the study decides, that no trials can share, or of scso calibrate.
+NOT_FOR_STUDIES = (
+    *("setup", "output", "overwrite", "processes", "cache", "emg_compare"),
+    *(name for name, setting in SETTINGS.items() if setting.group is CALIBRATION),
+)
 
 
 @with_settings(without=NOT_FOR_STUDIES)

@@ -59,6 +59,7 @@ def calibrate(
         refuse_unwritable(folder)
         trials: dict[str, MeasuredTrial] = {}
         given, about = {}, []
+        sha256: dict[str, str] = {}
         with stages_shown(delay=0.0), console.held_back():
             for source in sources:
                 settings, where = read_settings(source, changes)
@@ -66,8 +67,10 @@ def calibrate(
                 if name in trials:
                     raise ProblemError(f"two trials are called {name!r}, give each a name of its own")
                 trials[name] = _trial(source, settings, where)
-                given[name] = given_settings(source.absolute(), changes)
+                said = given_settings(source.absolute(), changes)
+                given[name] = {key: v for key, v in said.items() if key not in NOT_FOR_CALIBRATIONS}
                 about.append(settings.calibration)
+                sha256 |= settings.sources
             same = {(each.parameters, each.same_data) for each in about}
             if len(same) > 1:
                 raise ProblemError("trials say different things of calibrated or same_data, expected one")
@@ -77,7 +80,7 @@ def calibrate(
             texts = {
                 f"{n}.toml": settings_text(given[n], found.applied(t.problem)) for n, t in trials.items()
             }
-            texts[FILE] = json.dumps(as_record(found), ensure_ascii=False, indent=1) + "\n"
+            texts[FILE] = json.dumps(as_record(found, sha256), ensure_ascii=False, indent=1) + "\n"
             for file, text in texts.items():
                 with write_whole(place / file) as temporary:
                     temporary.write_text(text, encoding="utf-8")
@@ -141,12 +144,14 @@ def _toml(value: Any) -> str:
     return json.dumps(value if isinstance(value, int) else str(value), ensure_ascii=False)
 
 
-def as_record(found: Calibration) -> dict[str, Any]:
-    """Lay out what was found for a file; NaN as null.
+def as_record(found: Calibration, sources: Mapping[str, str]) -> dict[str, Any]:
+    """Lay out what was found for a file; null for what is not finite.
 
     Parameters
     ----------
     found : Calibration
+    sources : mapping of str to str
+        SHA-256 by path of the files that were read.
 
     Returns
     -------
@@ -159,7 +164,7 @@ def as_record(found: Calibration) -> dict[str, Any]:
     def plain(values: Any) -> Any:
         if isinstance(values, list):
             return [plain(value) for value in values]
-        return None if isinstance(values, float) and math.isnan(values) else values
+        return None if isinstance(values, float) and not math.isfinite(values) else values
 
     arrays = {
         "value": found.value,
@@ -179,5 +184,6 @@ def as_record(found: Calibration) -> dict[str, Any]:
         "n_frames": found.n_frames,
         "n_without_derivatives": found.n_without_derivatives,
         **{name: plain(values.tolist()) for name, values in arrays.items()},
+        "inputs_sha256": dict(sources),
         "versions": versions(),
     }

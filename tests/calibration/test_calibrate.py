@@ -87,13 +87,18 @@ def test_trials_of_a_person_are_left_out_together():
     check_left_out(found, values, [0, 1, 0])
 
 
-def test_what_is_found_without_a_stride_does_not_depend_on_it():
-    rng = np.random.default_rng(5)
-    values = noisy(rng, 3)
-    before = scso.calibrate(strides(values))
+@pytest.fixture(scope="module")
+def walk():
+    """Activity of three strides, and what is found from them."""
+    values = noisy(np.random.default_rng(5), 3)
+    return values, scso.calibrate(strides(values))
+
+
+def test_what_is_found_without_a_stride_does_not_depend_on_it(walk):
+    values, before = walk
     check_left_out(before, values, [0, 1, 2])
-    values[1] = rng.uniform(0.0, 1.0, values[1].shape)
-    after = scso.calibrate(strides(values))
+    other = np.random.default_rng(6).uniform(0.0, 1.0, values[1].shape)
+    after = scso.calibrate(strides([values[0], other, values[2]]))
     same = before.value_without == after.value_without
     assert same.ravel().tolist() == [False, True, False]
     assert before.error[1] != after.error[1]
@@ -228,14 +233,13 @@ def test_numbers_go_to_where_they_belong(q, given, expected):
     assert changed.level == {"elbow_z": 2.0, "elbow_*": 3.0}
 
 
-def test_a_calibration_shows_itself_and_makes_a_table():
+def test_a_calibration_shows_itself_and_makes_a_table(walk):
     pandas = pytest.importorskip("pandas")
-    rng = np.random.default_rng(7)
-    found = scso.calibrate(strides(noisy(rng, 2)))
+    _, found = walk
     lines = repr(found).splitlines()
     assert lines[0] == "Calibration of q"
     assert lines[1].startswith("  q = ")
-    assert "each left out once, 2 units" in lines[2]
+    assert "each left out once, 3 units" in lines[2]
     table = found.to_dataframe()
     assert isinstance(table, pandas.DataFrame)
     assert list(table.columns) == ["error", "at_start", "of_plain", "q"]
