@@ -61,8 +61,9 @@ _SIDES = 1e-10
 #: What is nearer to a side than this much of the frame's scale is on it [-].
 _TOLERANCE = 1e-8
 
-#: Steps that take back what rounding has missed, and their regularization [-].
-_SETTLING_STEPS, _RIDGE = 4, 1e-12
+#: Steps that take back what rounding has missed, and their regularization [-]: what rows that are nearly the
+#: same miss apart from each other is rounding, and would move unknowns far.
+_SETTLING_STEPS, _RIDGE = 4, 1e-6
 #: Share of a frame's largest unknown that is rounding [-].
 _ROUNDING = 2.0**-52
 

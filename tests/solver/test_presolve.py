@@ -12,7 +12,7 @@ from coupled_terms import CappedEffort, RateLimit
 from helpers import elbow, random_problem, two_antagonists
 
 import scso_nlp as scso
-from scso_nlp.solver.presolve import presolve
+from scso_nlp.solver.presolve import Block, ConvexObjective, presolve
 from scso_nlp.solver.programs import starting_point
 from scso_nlp.transcription.describe import describe
 
@@ -131,3 +131,18 @@ def test_an_active_stability_row_is_kept_to_rounding():
     assert margin.min() == pytest.approx(0.0, abs=1e-9)
     balance = solution.moment_balance
     np.testing.assert_allclose(balance.muscles + balance.actuators, balance.required, rtol=1e-12)
+
+
+def test_rows_that_are_nearly_the_same_do_not_move_unknowns_by_what_rounding_makes_of_them(rng):
+    """Their difference, 1e-6 of a row, would have to carry 1e-12: a way of 1e-6, where 1e-12 was missed."""
+    program = describe(random_problem(rng, n_frames=1))
+    every = np.arange(1)
+    block = Block(program, ConvexObjective.of(program), every, np.full((1, program.layout.size), 0.3))
+    block.solve()
+    before = block.unknowns.copy()
+    one, other = rng.normal(size=(2, program.layout.size))
+    matrix = np.stack([one, one + 1e-6 * other])[None]
+    block.add_rows(matrix, (matrix @ before[0]) + [[1e-12, -1e-12]])
+    block.multipliers[:, -2:] = -1.0
+    block.settle()
+    assert 0 < np.abs(block.unknowns - before).max() < 1e-10
