@@ -12,6 +12,7 @@ from scso_nlp.cli.exit_codes import exit_codes
 from scso_nlp.declared_settings import reference, template
 from scso_nlp.exceptions import DataError
 from scso_nlp.files import write_whole
+from scso_nlp.messages import STAGES
 from scso_nlp.progress import stages_shown
 from scso_nlp.signals import undisturbed
 
@@ -80,10 +81,11 @@ def _map_of(model: Path) -> str:
 
 def _for_setup(setup: Path, path: Path) -> tuple[str, list[str]]:
     """Return the text of the file, and why its settings are as they are."""
-    with undisturbed():
-        from scso_nlp.first_settings import first_settings
-
     with stages_shown(delay=0.0):
+        STAGES.info("starting")
+        with undisturbed():
+            from scso_nlp.first_settings import first_settings
+
         found = first_settings(setup)
     reasons = [f"{name}: {reason}" for name, reason in found.reasons.items()]
     return found.text(path.absolute().parent), reasons
