@@ -122,9 +122,17 @@ class _Hints:
             raise ArgumentError(f"{who}: {name} is {shown(value)}, expected {_words(hint)}")
 
 
+def _meant(hint: Any) -> Any:
+    """Give what an alias made by ``type`` stands for, as NumPy's ``NDArray`` is one in newer versions."""
+    while hasattr(hint, "__value__"):
+        hint = hint.__value__
+    return hint
+
+
 @functools.cache
 def _test_of(hint: Any) -> Callable[[Any], bool]:
     """Make the test for an annotated type; numbers and arrays of NumPy's own types count as such."""
+    hint = _meant(hint)
     origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         tests = [_test_of(part) for part in parts]
@@ -206,6 +214,7 @@ def _is_numeric(value: object) -> bool:
 
 def _words(hint: Any, *, several: bool = False) -> str:
     """Say what is expected, one of it or several."""
+    hint = _meant(hint)
     origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         *others, last = dict.fromkeys(_words(part, several=several) for part in parts)

@@ -209,7 +209,7 @@ def _alone(n_coordinates: int, n_muscles: int, n_frames: int, kind: str) -> Meas
     before = _peak_since_reset()
     _, cost = _timed(lambda: scso.solve_trajectory(problem, on_failure="return"), 1)
     total = _memory("VmHWM")
-    return {**cost, "peak_mb": total, "solving_mb": total - before}
+    return {**cost, "peak_mb": total, "solving_mb": max(total - before, 0.0)}
 
 
 def _peak_since_reset() -> float:

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import elbow, random_problem, two_antagonists, with_joint_reactions, with_motion
 
 import scso_nlp as scso
+from scso_nlp.arguments import checked_as
 from scso_nlp.opensim.description import ModelDescription
 
 #: What may be given instead of anything else.
@@ -252,3 +254,19 @@ def test_a_wrong_number_of_arguments_is_pythons_own_error():
 @pytest.mark.parametrize("number", [2, 2.0, np.float64(2), np.float32(2), np.int64(2)])
 def test_numbers_of_every_kind_are_numbers(number):
     assert scso.ActivationEffort(exponent=number).exponent == 2
+
+
+def test_names_given_to_types_stand_for_them():
+    """NumPy 2.5 makes ``NDArray`` such a name where Python has them, from 3.12 on."""
+
+    class Named:
+        __value__ = np.ndarray
+
+    @checked_as(values=Named(), also=npt.NDArray[np.float64])
+    def total(values, also):
+        return np.sum(values) + np.sum(also)
+
+    assert total([1.0, 2.0], [3.0]) == 6.0
+    for call in ({"values": "words", "also": [1.0]}, {"values": [1.0], "also": "words"}):
+        with pytest.raises(scso.ProblemError, match="is 'words', expected an array of numbers"):
+            total(**call)

@@ -54,7 +54,7 @@ def test_every_answer_is_judged_by_the_benchmark(result):
 def test_memory_is_measured_in_processes_of_their_own(result):
     alone = [row for row in json.loads(result.read_text())["rows"] if row["what"].endswith("alone")]
     assert len(alone) == 3
-    assert all(0 < row["solving_mb"] < row["peak_mb"] for row in alone)
+    assert all(0 <= row["solving_mb"] < row["peak_mb"] for row in alone)  # short ones may need nothing more
 
 
 def test_a_finished_case_is_not_measured_again(result, monkeypatch, capsys):
