@@ -43,7 +43,7 @@ _STATUS = {
 
 #: Error of IPOPT's conditions at which it stays at a start: its push from bounds, times large multipliers, is
 #: above tighter ones. The point itself is judged without the push.
-CONFIRMED = 1e-8
+_CONFIRMED = 1e-8
 
 #: Barrier parameter of a start at the optimum, over that error [-].
 _LAST_BARRIER = 1e-4
@@ -139,7 +139,7 @@ def compile_ipopt(nlp: Nlp, options: SolverOptions, *, confirm_within: int | Non
         if nlp.objective_is_quadratic:
             ipopt["hessian_constant"] = "yes"
     if confirm_within is not None:
-        tolerance = max(options.tolerance, CONFIRMED)
+        tolerance = max(options.tolerance, _CONFIRMED)
         ipopt |= _CONFIRMING | {"tol": tolerance, "mu_init": tolerance * _LAST_BARRIER}
         ipopt["max_iter"] = confirm_within
     if _LOG.isEnabledFor(logging.DEBUG):

@@ -15,7 +15,7 @@ from scso_nlp.exceptions import ProblemError
 from scso_nlp.messages import COUNTS
 from scso_nlp.solution import Solution, Status
 from scso_nlp.solver.feasibility import Impossible, contradiction, least_effort, out_of_reach
-from scso_nlp.solver.ipopt import CONFIRMED, IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
+from scso_nlp.solver.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solver.judge import Outcome, unknowns_of
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solver.presolve import Start, presolve
@@ -204,9 +204,8 @@ class _Run:
                 blocks += np.array_split(block, block.size)
         self.start, self.scale = start, scale
         worst = self._worst()
-        # the barrier needs a push from bounds, which moves flat objectives far, and large rows a step: what
-        # is confirmed is nearer, even where it misses some more of what IPOPT cannot tell from nothing
-        nearer = exact.is_optimal & (exact.worst <= np.maximum(worst, CONFIRMED)) & np.isfinite(worst)
+        # the barrier needs a push from bounds, and large rows a step: what is confirmed may be nearer
+        nearer = exact.is_optimal & (exact.worst <= worst) & np.isfinite(worst)
         self.unknowns[nearer] = exact.unknowns[nearer]
         self.multipliers[0][nearer] = exact.multipliers[nearer]
         worst = np.where(nearer, exact.worst, worst)
