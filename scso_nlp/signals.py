@@ -1,8 +1,9 @@
-"""Work that no signal may cut short: it is heard when the work is done."""
+"""Work that no signal may cut short, and processes that Ctrl-C is not for."""
 
 from __future__ import annotations
 
 import contextlib
+import multiprocessing.resource_tracker
 import signal
 import threading
 from collections.abc import Iterator
@@ -39,3 +40,27 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
         for number in heard:
             signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def deaf_to_ctrl_c() -> Iterator[None]:
+    """Let processes that begin in the block, and those that they or its threads start later, not hear Ctrl-C.
+
+    A terminal interrupts all that run in it, and Python prints a traceback at whatever line that meets it, of
+    its own start too. They are ended by the process that started them.
+
+    Notes
+    -----
+    They inherit the mask of the thread that starts them; this process hears Ctrl-C in its other threads.
+    Where systems have no masks, nothing is done.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # unmasks Ctrl-C in the thread that starts the first process
+    multiprocessing.resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,12 +1,15 @@
-"""A signal during work that must be done is heard when it is done."""
+"""A signal during work that must be done is heard when it is done; Ctrl-C is not for processes made for it."""
 
+import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
 
-from scso_nlp.signals import undisturbed
+from scso_nlp.signals import deaf_to_ctrl_c, undisturbed
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
@@ -60,3 +63,31 @@ def test_in_another_thread_the_block_is_as_good():
     thread.start()
     thread.join()
     assert done == ["work"]
+
+
+def masked(of_process):
+    """Signals that a process keeps waiting, as Linux says of it: a mask, as a hexadecimal number."""
+    with open(f"/proc/{of_process}/status") as lines:
+        (mask,) = (line.split()[1] for line in lines if line.startswith("SigBlk:"))
+    return {number for number in signal.Signals if int(mask, 16) >> (number - 1) & 1}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads masks in /proc")
+def test_processes_that_begin_in_the_block_do_not_hear_ctrl_c():
+    def start_in_a_thread():
+        process = multiprocessing.get_context("spawn").Process(target=signal.pause)
+        process.start()
+        found.append(masked(process.pid))
+        process.kill()
+        process.join()
+
+    found = []
+    with deaf_to_ctrl_c():
+        thread = threading.Thread(target=start_in_a_thread)
+        with subprocess.Popen(["sleep", "60"]) as process:
+            found.append(masked(process.pid))
+            process.terminate()
+        thread.start()
+    thread.join()
+    assert found == [{signal.SIGINT}, {signal.SIGINT}]
+    assert signal.SIGINT not in masked("self")

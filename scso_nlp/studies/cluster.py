@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from scso_nlp.exceptions import DataError, EngineError
 from scso_nlp.opensim.workers import number_of_cores
-from scso_nlp.signals import undisturbed
+from scso_nlp.signals import deaf_to_ctrl_c, undisturbed
 from scso_nlp.versions import version_of, versions
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ MEMORY = 2 * 10**9
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 #: What a worker does before its memory is full, which is for those who keep results in it.
 MEMORY_FEATURES = tuple(f"DASK_DISTRIBUTED__WORKER__MEMORY__{name}" for name in ("TARGET", "SPILL", "PAUSE"))
-#: What workers of a cluster made here run first: a terminal interrupts them too, and this process ends them.
+#: What workers of a cluster made here run first, for systems where they cannot be made deaf to it before.
 CTRL_C_IS_NOT_FOR_WORKERS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 #: How long a scheduler may take to answer [s].
 PATIENCE = 20.0
@@ -84,26 +84,28 @@ def _started(made: contextlib.ExitStack, scheduler: str | None, workers: int | N
             raise EngineError(f"no Dask scheduler answers at {scheduler}: {error}") from None
         _refuse_other_versions(client, scheduler)
         return client
-    try:
-        cluster = LocalCluster(
-            n_workers=workers or default_workers(),
-            threads_per_worker=1,
-            processes=True,
-            memory_limit="auto",  # an equal share; a worker that takes nearly all of it is started anew
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
-            env={
-                **dict.fromkeys(THREADS, "1"),
-                **dict.fromkeys(MEMORY_FEATURES, "False"),
-                "MPLBACKEND": "agg",
-            },
-            silence_logs=logging.CRITICAL,
-            preload=[CTRL_C_IS_NOT_FOR_WORKERS],
-        )
-    except (RuntimeError, OSError, ValueError) as error:
-        raise EngineError(f"Dask cannot start workers on this machine: {error}") from None
-    made.enter_context(cluster)
-    return made.enter_context(Client(cluster, set_as_default=False))
+    # one that is left half made cannot be closed
+    with undisturbed(), deaf_to_ctrl_c():
+        try:
+            cluster = LocalCluster(
+                n_workers=workers or default_workers(),
+                threads_per_worker=1,
+                processes=True,
+                memory_limit="auto",  # an equal share; a worker that takes nearly all of it is started anew
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
+                env={
+                    **dict.fromkeys(THREADS, "1"),
+                    **dict.fromkeys(MEMORY_FEATURES, "False"),
+                    "MPLBACKEND": "agg",
+                },
+                silence_logs=logging.CRITICAL,
+                preload=[CTRL_C_IS_NOT_FOR_WORKERS],
+            )
+        except (RuntimeError, OSError, ValueError) as error:
+            raise EngineError(f"Dask cannot start workers on this machine: {error}") from None
+        made.enter_context(cluster)
+        return made.enter_context(Client(cluster, set_as_default=False))
 
 
 def _refuse_other_versions(client: Client, scheduler: str) -> None:
