@@ -1,4 +1,4 @@
-"""A signal during work that must be done is heard when it is done; Ctrl-C is not for processes made for it."""
+"""A signal during work that must be done is heard when that is done; Ctrl-C is not for processes made there."""
 
 import multiprocessing
 import os
