@@ -1,4 +1,4 @@
-"""A signal during work that must be done is heard when that is done; Ctrl-C is not for processes made there."""
+"""Signals during work that must be done are heard when it is done; its processes are deaf to Ctrl-C."""
 
 import multiprocessing
 import os
