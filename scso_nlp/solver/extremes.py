@@ -36,10 +36,12 @@ from scso_nlp.validation import BoolArray, FloatArray
 _PRECISION, _MOST_PROGRAMS = 1e-9, 40
 #: Sides are kept to this, relative to rows of largest entry one.
 _SIDES = 1e-10
+#: Rows of which no more than this is left without what they determine are of nothing else [-].
+_EMPTY = 1e-11
 #: Curvature of unknowns that cost linearly, over the largest [-]; the certificate does without it.
 _FLATNESS = 1e-8
 #: Beyond this much of its first guess effort no longer counts: rows and bounds alone decide.
-_STEEPEST = 1e5
+_STEEPEST = 1e8
 #: An unknown nearer to a bound than this is at it, where rows and bounds alone decide [-].
 _AT_BOUND = 1e-7
 #: A piece of the path that a step leaves longer than this much of it is halved [-].
@@ -58,7 +60,7 @@ class Ranges:
     solution : Solution
         The optimum.
     effort : float [-]
-        Share by which the objective of a frame may exceed its optimum.
+        Share by which the objective of a frame may exceed its optimum, without what rows determine.
     least, greatest : ndarray, shape (n_frames, n_muscles) [-]
         Activations, each attained by some pattern that keeps everything.
     certified_least, certified_greatest : ndarray, shape (n_frames, n_muscles) [-]
@@ -118,7 +120,8 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     solution : Solution
         Of a problem whose frames are apart and whose rows are affine, with an effort of exponent 2.
     effort : float [-]
-        Share by which the objective of each frame may exceed its optimum, positive.
+        Share by which the objective of each frame may exceed its optimum, positive. What an equation
+        determines by itself, as a residual that no muscle helps, is no choice: its cost does not count.
 
     Returns
     -------
@@ -176,7 +179,7 @@ class _Search:
         self.low, self.high = (
             bound[affine.rows] - affine.constant for bound in (program.rows.lower, program.rows.upper)
         )
-        self.used = ~affine.is_empty
+        self.is_free = ~affine.determined(program.rows, program.layout.size)
         self.n_muscles = solution.activation.shape[1]
         self._collect_wanted()
 
@@ -232,16 +235,20 @@ class _Frame:
     """Extremes of one frame: `attained` and `certified`, (2, n_costs), least before greatest."""
 
     def __init__(self, search: _Search, k: int, costs: FloatArray, price: FloatArray | None) -> None:
-        used = search.used[k]
-        rows = search.rows[k][used]
+        # what an equation determines by itself is no choice: it stays where it is, and costs nothing here
+        free, fixed = search.is_free[k], np.where(search.is_free[k], 0.0, search.unknowns[k])
+        rows, held = search.rows[k][:, free], search.rows[k] @ fixed
         length = np.abs(rows).max(axis=1, initial=0.0)
-        self.rows = rows / length[:, None]
-        self.low, self.high = search.low[k][used] / length, search.high[k][used] / length
-        self.lower, self.upper = search.lower[k], search.upper[k]
-        self.slope, self.curvature, self.constant = search.slope[k], search.curvature[k], search.constant[k]
-        self.optimum = search.unknowns[k]
+        used = length > _EMPTY * np.abs(search.rows[k]).max(axis=1, initial=0.0)
+        length = length[used]
+        self.rows = rows[used] / length[:, None]
+        self.low, self.high = ((side[k] - held)[used] / length for side in (search.low, search.high))
+        self.lower, self.upper = search.lower[k, free], search.upper[k, free]
+        self.slope, self.curvature = search.slope[k, free], search.curvature[k, free]
+        self.constant, self.optimum = search.constant[k], search.unknowns[k, free]
         least = self._effort(self.optimum)
         self.most = least + search.effort * abs(least)
+        settled, costs = costs @ fixed, costs[:, free]
         self.costs = np.concatenate([costs, -costs])
         raised = np.maximum(self.curvature, _FLATNESS * self.curvature.max(initial=1.0))
         size = np.abs(self.costs).max(axis=1, initial=0.0)
@@ -265,8 +272,8 @@ class _Frame:
         value = (self.costs * points).sum(axis=1)
         bound = self._certificates(multipliers, prices)
         bound = np.where(self.is_open, np.minimum(np.maximum(bound, self.floor), value), value)
-        self.attained = np.stack([value[:n], -value[n:]])
-        self.certified = np.stack([bound[:n], -bound[n:]])
+        self.attained = np.stack([value[:n], -value[n:]]) + settled
+        self.certified = np.stack([bound[:n], -bound[n:]]) + settled
 
     def _effort(self, x: FloatArray) -> float:
         return float(0.5 * (self.curvature * x) @ x + self.slope @ x + self.constant)

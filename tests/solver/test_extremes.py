@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import clarabel
+import helpers
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -102,6 +103,22 @@ def test_with_any_effort_the_others_at_full_activation_leave_the_rest_to_each_mu
         "m1": [True, True],
         "m2": [False, True],
     }
+
+
+def test_what_a_residual_costs_is_no_effort_to_choose():
+    """500 N·m that no muscle helps with cost 250000: 5 % of that would allow the elbow any pattern."""
+    alone = elbow([60.0])
+    arms = np.array([[[0.1, 0.05, 0.02], [0.0, 0.0, 0.0]]])
+    trajectory = helpers.motion(arms, [[60.0, 500.0]], actuator_columns=[[0.0], [1.0]])
+    residual = scso.ActuatorParameters(
+        actuators=trajectory.actuators, optimal_force=[1.0], min_control=[-np.inf], max_control=[np.inf]
+    )
+    both = helpers.with_motion(alone, trajectory=trajectory, actuators=residual)
+    expected, found = (scso.ranges(scso.solve_trajectory(each)) for each in (alone, both))
+    assert found.solution.control[0, 0] == pytest.approx(500.0)
+    for name in ("least", "greatest", "certified_least", "certified_greatest"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-8)
+    assert expected.least[0, 0] > 0.2
 
 
 def test_an_unsolved_frame_has_no_ranges():
