@@ -1,9 +1,9 @@
 """Where stability rows help and where they do not: ``python -m problems.scorecard [SET ...] [--pages]``.
 
 Solves the sets of PROTOCOL.md, writes ``measured/DATE.json`` and, from the newest of these files,
-``docs/scorecard.md``, ``docs/scorecard.csv`` and README's paragraph. Sets that are named are solved again
-and replace their part of the newest file; with ``--pages`` nothing is solved. Data are fetched on first use,
-see :mod:`problems.fetch`.
+``docs/scorecard.md`` with its figure, ``docs/scorecard.csv`` and README's paragraph. Sets that are named are
+solved again and replace their part of the newest file; with ``--pages`` nothing is solved. Data are fetched
+on first use, see :mod:`problems.fetch`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From measurements to words: docs/scorecard.md and .csv, and README's paragraph. Verdicts are made here."""
+"""From measurements to docs/scorecard.md, .csv and .png, and README's paragraph. Verdicts are made here."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from problems.knee_implant.problem import TRIALS
 from problems.outputs import markdown_table, write_table
-from problems.scorecard import rules
+from problems.scorecard import figure, rules
 from problems.scorecard.running import NULLS, SO, Row, entry
 from problems.scorecard.sets import SETS
+from scso_nlp.figures import save_figure
 from scso_nlp.files import write_whole
 
 #: README's paragraph, up to the next empty line.
@@ -36,6 +38,9 @@ _PREDICTIONS = {
     "effort": "Tasks: 0.5, 1, 2, 3 and 4 times the moment",
 }
 _OWN = "axes, q = 5"
+#: What `at_effort` says of a term that is too weak, and what that means where no strength is left to raise.
+_TOO_WEAK = re.compile(r"effort is (\S+), but the term takes (\S+) at its strongest, (\S+): raise that")
+_NOT_REACHED = r"short of the effort: \2 of \1 in one motion, at its greatest strength, \3"
 
 
 def judged(name: str, measured: Mapping[str, Any]) -> Iterator[tuple[Row, str, str]]:
@@ -55,7 +60,7 @@ def judged(name: str, measured: Mapping[str, Any]) -> Iterator[tuple[Row, str, s
     rows: Sequence[Row] = measured["rows"]
     plain = next(row for row in rows if row["method"] == SO)
     for row in rows:
-        given = str(row.get("note", ""))
+        given = _TOO_WEAK.sub(_NOT_REACHED, str(row.get("note", "")))
         if measured["kind"] in _PREDICTIONS:
             yield row, *_prediction(row, measured["kind"])
         elif measured["kind"] == "by construction":
@@ -115,9 +120,7 @@ def set_table(name: str, measured: Mapping[str, Any]) -> str:
     rows = []
     for line in lines(name, measured):
         cell = dict(zip(COLUMNS, line, strict=True))
-        label = str(cell["method"])
-        if cell["at the effort of"]:
-            label = f"{label}, at the effort of {cell['at the effort of']}"
+        label = _label(str(cell["method"]), cell["at the effort of"])
         shown = [_with_interval(cell, m) for m in ("agonists", "antagonists")]
         shown.append(_with_interval(cell, "contact force [N]", weight))
         rows.append(
@@ -136,9 +139,7 @@ def prediction_table(name: str, measured: Mapping[str, Any]) -> str:
     rows = []
     for row, verdict, note in judged(name, measured):
         values = next(iter(row["errors"].values()), [])
-        label = (
-            f"{row['method']}, at the effort of {row['reference']}" if "reference" in row else row["method"]
-        )
+        label = _label(row["method"], row.get("reference", ""))
         shown = ", ".join(f"{v:.3f}" for v in values)
         power = "" if row["method"] == SO else f"{row['power']:.0%}"
         rows.append((label, power, shown, _number(row.get("effort", "")), f"**{verdict}**", note))
@@ -163,6 +164,21 @@ def _with_interval(cell: Mapping[str, object], metric: str, weight: float | None
         around = "" if low == "" else f"; {signed.format(low)} to {signed.format(high)}"
         text += f" ({signed.format(apart)}{around})"
     return text
+
+
+def trial_table(measured: Mapping[str, Any]) -> str:
+    """Lay out the errors of the contact force as a Markdown table, trial by trial."""
+    weight = measured["body weight [N]"]
+    rows = [
+        (_label(row["method"], row.get("reference", "")), *(f"{v:.0f}, {v / weight:.2f}" for v in values))
+        for row in measured["rows"]
+        if (values := row["errors"].get("contact force"))
+    ]
+    return markdown_table(("root mean square difference [N], [BW]", *TRIALS), rows)
+
+
+def _label(method: str, reference: object) -> str:
+    return f"{method}, at the effort of {reference}" if reference else method
 
 
 def not_run(name: str, measured: Mapping[str, Any]) -> list[str]:
@@ -229,7 +245,7 @@ def _predicted(result: Mapping[str, Any], kind: str) -> str:
 
 
 def write_pages(result: Mapping[str, Any], folder: Path) -> None:
-    """Write docs/scorecard.md, docs/scorecard.csv and README's paragraph.
+    """Write docs/scorecard.md with its figure, docs/scorecard.csv and README's paragraph.
 
     Parameters
     ----------
@@ -254,16 +270,25 @@ def write_pages(result: Mapping[str, Any], folder: Path) -> None:
     summary = markdown_table(
         heads, [(kind, *(c.get(w, 0) for w in words)) for kind, c in zip(kinds, count, strict=True)]
     )
+    everything = [line for name, measured in result["sets"].items() for line in lines(name, measured)]
+    cells = [dict(zip(COLUMNS, line, strict=True)) for line in everything]
+    shown = [cell for cell in cells if cell["kind"] == "measured"]
+    weak = [c for c in shown if c["method"] == SO and c["reserves"] > rules.MOST_RESERVES]
+    implant = result["sets"].get("knee_implant")
     text = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         date=result["date"],
         facts=", ".join(f"{name} {value}" for name, value in result["facts"].items()),
         conclusion=paragraph(result),
         summary=summary,
+        counted=figure.counted(shown),
+        weak=", ".join(f"{cell['set']} {cell['reserves']:.0%}" for cell in weak) or "none",
+        trials=trial_table(implant) if implant else "Not run.",
         tables="\n".join(tables),
     )
     _write(folder / "docs" / "scorecard.md", text)
-    everything = [line for name, measured in result["sets"].items() for line in lines(name, measured)]
     write_table(folder / "docs" / "scorecard.csv", COLUMNS, everything)
+    if shown:
+        save_figure(figure.draw(shown), folder / "docs", "scorecard", formats=("png",))
     readme = (folder / "README.md").read_text(encoding="utf-8")
     _write(folder / "README.md", PARAGRAPH.sub(lambda _: paragraph(result), readme, count=1))
 
