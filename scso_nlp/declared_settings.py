@@ -88,8 +88,13 @@ def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
+def _parts(text: str) -> list[str]:
+    """Cut at commas; those between brackets part names of one."""
+    return re.split(r",(?![^\[]*\])", text)
+
+
 def _by_name(text: str, read: Callable[[str], Any] = number) -> dict[str, Any]:
-    pairs = [part.rsplit("=", 1) for part in text.split(",")]
+    pairs = [part.rsplit("=", 1) for part in _parts(text)]
     return {name.strip(): read(value) for name, value in pairs}
 
 
@@ -109,13 +114,12 @@ def _forces(text: str) -> dict[str, float | str] | float | str:
     return _by_name(text, _force) if "=" in text else _force(text)
 
 
-def _cones(text: str) -> dict[str, list[float]]:
+def _numbers(text: str) -> dict[str, list[float]]:
     return _by_name(text, lambda values: [number(value) for value in values.split()])
 
 
 def _parameters(text: str) -> list[str]:
-    # commas between brackets part names of one parameter
-    return [part.strip() for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
+    return [part.strip() for part in _parts(text) if part.strip()]
 
 
 def _whole_number(text: str) -> int:
@@ -156,8 +160,12 @@ FORCES = Kind(
     "NEWTONS|3BW|NAME=NEWTONS,...", _forces,
 )  # fmt: skip
 CONES = Kind(
-    dict[str, list[float]], 'a table { "name" = [x, y, z, slope], ... }', "NAME=X Y Z SLOPE,...", _cones,
+    dict[str, list[float]], 'a table { "name" = [x, y, z, slope], ... }', "NAME=X Y Z SLOPE,...", _numbers,
     accepts=lambda value: all(len(cone) == 4 for cone in value.values()),
+)  # fmt: skip
+INTERVALS = Kind(
+    dict[str, list[float]], 'a table { "name" = [least, most], ... }', "NAME=LEAST MOST,...", _numbers,
+    accepts=lambda value: all(len(interval) == 2 for interval in value.values()),
 )  # fmt: skip
 WEIGHTS = Kind(
     dict[str, float] | str, f"'volume' or 'pcsa', or {_TABLE}", "volume|pcsa|NAME=NUMBER,...", _table_or_text,
@@ -401,6 +409,9 @@ SETTINGS = {setting.name: setting for setting in (
     Setting("calibrated", PARAMETERS, CALIBRATION, place="calibration.parameters",
         example='["q[ES*,MF*]", "q[RA*]"]', default="q",
         help="What is found: q or q[muscles], one gain for all that fit, and level or level[rows]"),
+    Setting("calibration_bounds", INTERVALS, CALIBRATION, place="calibration.bounds",
+        example='{ "q[RA*]" = [1.0, 20.0] }', default="0.5 to 42 for q, the published gains; none for levels",
+        help="Least and largest value of what is found, by its name"),
     Setting("measured_stiffness", NUMBER, CALIBRATION, place="calibration.stiffness", unit="N/m",
         example="14500.0", default="none", help="Stiffness of a point that is to be met instead of EMG; with "
         "an arm of 1 that of a row [N.m/rad]"),

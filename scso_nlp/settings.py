@@ -131,6 +131,7 @@ class CalibrationSettings:
     Attributes
     ----------
     parameters : tuple of str
+    bounds : mapping of str to (float, float), or None
         As for :func:`~scso_nlp.calibrate`.
     stiffness : float or None [N/m]
     arms : mapping of str to float, or None [m]
@@ -141,6 +142,7 @@ class CalibrationSettings:
     """
 
     parameters: tuple[str, ...] = ("q",)
+    bounds: Mapping[str, Sequence[float]] | None = None
     stiffness: float | None = None
     arms: Mapping[str, float] | None = None
     unit: str = ""

@@ -129,6 +129,11 @@ ARRIVES = {
     "emg_bounds": (".1", "0.1", 0.1),
     "emg_compare": ("shapes", '"shapes"', "shapes"),
     "calibrated": ("q[RA*,ES*],level[a]", '["q[RA*,ES*]", "level[a]"]', ("q[RA*,ES*]", "level[a]")),
+    "calibration_bounds": (
+        "q[a,b]=1 9,level=0 5",
+        '{ "q[a,b]" = [1.0, 9.0], "level" = [0.0, 5.0] }',
+        {"q[a,b]": [1.0, 9.0], "level": [0.0, 5.0]},
+    ),
     "measured_stiffness": ("14500", "14500", 14500.0),
     "stiffness_arms": ("a=.3,b=1", '{ "a" = 0.3, "b" = 1 }', {"a": 0.3, "b": 1.0}),
     "unit": ("person 1", '"person 1"', "person 1"),

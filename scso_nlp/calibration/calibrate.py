@@ -123,7 +123,8 @@ class Calibration:
         mean = [np.mean(e) for e in (self.error, self.error_at_start, self.error_of_plain)]
         errors = f"{mean[0]:.4g}, {mean[1]:.4g} at the start"
         errors += "" if math.isnan(mean[2]) else f", {mean[2]:.4g} without stability rows"
-        lines.append(f"{self.meaning}, {how} {len(self.units)} units: {errors}")
+        n = len(self.units)
+        lines.append(f"{self.meaning}, {how} {n} unit{'s' if n > 1 else ''}: {errors}")
         if self.n_without_derivatives:
             lines.append(f"{self.n_without_derivatives} of {self.n_frames} frames have no derivative")
         return "\n  ".join(lines)

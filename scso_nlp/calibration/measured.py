@@ -12,6 +12,7 @@ import numpy as np
 
 from scso_nlp.activity import MuscleActivity
 from scso_nlp.arguments import checked
+from scso_nlp.constraints.hessian_stability import HessianStability
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.emg.metrics import is_constant
 from scso_nlp.exceptions import DataError, ProblemError
@@ -229,7 +230,8 @@ class MeasuredTrial:
     Raises
     ------
     ProblemError
-        A problem that keeps no stability constraint; units of frames in a problem that couples frames.
+        A problem that keeps no stability constraint, or only a whole Hessian, which has no rows that a
+        stiffness could be about; units of frames in a problem that couples frames.
     DataError
         Units for another number of frames.
 
@@ -245,8 +247,15 @@ class MeasuredTrial:
     unit: str | Sequence[str] = ""
 
     def __post_init__(self) -> None:
-        if not any(isinstance(term, StabilityConstraint) for term in self.problem.constraints):
+        kept = [term for term in self.problem.constraints if isinstance(term, StabilityConstraint)]
+        if not kept:
             raise ProblemError("the problem keeps no stability constraint whose numbers could be calibrated")
+        is_stiffness = isinstance(self.measured, MeasuredStiffness)
+        if is_stiffness and all(isinstance(term, HessianStability) for term in kept):
+            raise ProblemError(
+                "a measured stiffness is about rows, and a whole Hessian has none: keep a JointStability or "
+                "CoordinateStability, besides it or instead (potvin-brown, diagonal), or compare EMG"
+            )
         if not isinstance(self.unit, str):
             object.__setattr__(self, "unit", tuple(self.unit))
             if self.problem.coupled_terms:

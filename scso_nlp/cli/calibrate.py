@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -71,16 +72,25 @@ def calibrate(
                 given[name] = {key: v for key, v in said.items() if key not in NOT_FOR_CALIBRATIONS}
                 about.append(settings.calibration)
                 sha256 |= settings.sources
-            same = {(each.parameters, each.same_data) for each in about}
-            if len(same) > 1:
-                raise ProblemError("trials say different things of calibrated or same_data, expected one")
-            found = search(trials, about[0].parameters, same_data=about[0].same_data)
+            asked = [(each.parameters, each.bounds, each.same_data) for each in about]
+            if any(each != asked[0] for each in asked):
+                raise ProblemError(
+                    "trials say different things of calibrated, calibration_bounds or same_data, expected one"
+                )
+            parameters, limits, same_data = asked[0]
+            bounds = {of: (least, most) for of, (least, most) in (limits or {}).items()}
+            found = search(trials, parameters, bounds=bounds, same_data=same_data)
         typer.echo(repr(found))
-        with claimed(folder, lambda place: not names_in(place)) as place:
+        asked_for = {"settings": as_plain(given), "inputs_sha256": sha256}
+
+        def is_free(place: Path) -> bool:
+            return not names_in(place) or asked_for.items() <= read_record(place).items()
+
+        with claimed(folder, is_free, "results of another calibration") as place:
             texts = {
                 f"{n}.toml": settings_text(given[n], found.applied(t.problem)) for n, t in trials.items()
             }
-            texts[FILE] = json.dumps(as_record(found, sha256), ensure_ascii=False, indent=1) + "\n"
+            texts[FILE] = json.dumps(as_record(found) | asked_for, ensure_ascii=False, indent=1) + "\n"
             for file, text in texts.items():
                 with write_whole(place / file) as temporary:
                     temporary.write_text(text, encoding="utf-8")
@@ -144,27 +154,38 @@ def _toml(value: Any) -> str:
     return json.dumps(value if isinstance(value, int) else str(value), ensure_ascii=False)
 
 
-def as_record(found: Calibration, sources: Mapping[str, str]) -> dict[str, Any]:
-    """Lay out what was found for a file; null for what is not finite.
+def read_record(folder: Path) -> dict[str, Any]:
+    """Read what an earlier calibration wrote into a folder, empty where that cannot be read."""
+    try:
+        record = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def as_plain(values: Any) -> Any:
+    """Turn values into what JSON holds; null for what is not finite, text for paths."""
+    if isinstance(values, Mapping):
+        return {name: as_plain(value) for name, value in values.items()}
+    if isinstance(values, list | tuple):
+        return [as_plain(value) for value in values]
+    if isinstance(values, float) and not math.isfinite(values):
+        return None
+    return values if values is None or isinstance(values, bool | int | float) else str(values)
+
+
+def as_record(found: Calibration) -> dict[str, Any]:
+    """Lay out what was found for a file.
 
     Parameters
     ----------
     found : Calibration
-    sources : mapping of str to str
-        SHA-256 by path of the files that were read.
 
     Returns
     -------
     dict of str to object
     """
-    import math
-
     from scso_nlp.versions import versions
-
-    def plain(values: Any) -> Any:
-        if isinstance(values, list):
-            return [plain(value) for value in values]
-        return None if isinstance(values, float) and not math.isfinite(values) else values
 
     arrays = {
         "value": found.value,
@@ -183,7 +204,6 @@ def as_record(found: Calibration, sources: Mapping[str, str]) -> dict[str, Any]:
         "is_same_data": found.is_same_data,
         "n_frames": found.n_frames,
         "n_without_derivatives": found.n_without_derivatives,
-        **{name: plain(values.tolist()) for name, values in arrays.items()},
-        "inputs_sha256": dict(sources),
+        **{name: as_plain(values.tolist()) for name, values in arrays.items()},
         "versions": versions(),
     }

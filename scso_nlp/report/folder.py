@@ -36,7 +36,9 @@ NO_RESULTS, WITH_GAPS, COMPLETE = range(3)
 
 
 @contextlib.contextmanager
-def claimed(wanted: Path, is_free: Callable[[Path], bool]) -> Iterator[Path]:
+def claimed(
+    wanted: Path, is_free: Callable[[Path], bool], others: str = "results of other inputs"
+) -> Iterator[Path]:
     """Keep a folder for oneself: the first of `wanted`, `wanted_2`, ... that is free.
 
     Parameters
@@ -44,6 +46,8 @@ def claimed(wanted: Path, is_free: Callable[[Path], bool]) -> Iterator[Path]:
     wanted : Path
     is_free : callable
         Tells of a folder whether results may go there; it is asked while the folder is kept.
+    others : str
+        What folders hold that are not free.
 
     Yields
     ------
@@ -66,8 +70,9 @@ def claimed(wanted: Path, is_free: Callable[[Path], bool]) -> Iterator[Path]:
             if is_free(folder):
                 if folder != wanted:
                     _LOG.warning(
-                        "%s has results of other inputs, which stay; those of this run go to %s",
+                        "%s has %s, which stay; those of this run go to %s",
                         wanted,
+                        others,
                         folder,
                     )
                 yield folder

@@ -278,6 +278,11 @@ def test_what_cannot_be_calibrated_is_refused(trials, given, words):
 def test_trials_and_measurements_say_what_they_lack():
     with pytest.raises(scso.ProblemError, match="keeps no stability constraint"):
         scso.MeasuredTrial(problem=two_antagonists(1.0).without_stability(), measured=STIFF)
+    whole = dataclasses.replace(
+        two_antagonists(1.0), constraints=(scso.MomentEquilibrium(), scso.HessianStability(q=5.0))
+    )
+    with pytest.raises(scso.ProblemError, match="stiffness is about rows, and a whole Hessian has none"):
+        scso.MeasuredTrial(problem=whole, measured=STIFF)
     for given, words in (
         ({"stiffness": 0.0, "arms": {"a": 1.0}}, "stiffness is 0, expected a positive"),
         ({"stiffness": 1.0, "arms": {}}, "arms is empty"),

@@ -61,13 +61,28 @@ def test_a_known_gain_is_found_and_written_for_a_run(trials, tmp_path, monkeypat
     assert given.emg.file == trials / "emg.csv"
     run = scso_("run", folder / "heavy.toml", "--no-figures", "--output", tmp_path / "run")
     assert run.exit_code == 0, run.output
-    # an earlier result stays
+
+
+def test_the_same_calibration_replaces_its_results_and_another_leaves_them(trials, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    one = ("calibrate", trials / "light.toml", "--same-data")
+    folder = tmp_path / "scso_results" / "calibration"
+    for _ in range(2):
+        done = scso_(*one)
+        assert done.exit_code == 0, done.output
+        assert "results of" not in done.stderr
+        assert [path.name for path in folder.parent.iterdir()] == ["calibration"]
     before = (folder / "calibration.json").read_bytes()
-    again = scso_("calibrate", trials / "light.toml", "--same-data", "--calibrated", "q[RA*,EO*]")
-    assert again.exit_code == 0, again.output
+    # a path of the options, bounds that stop short of 8, and groups are other questions
+    other = scso_(*one, "--calibrated", "q[RA*,EO*]", "--calibration-bounds", "q[RA*,EO*]=1 5.5")
+    assert other.exit_code == 0, other.output
+    assert f"{folder} has results of another calibration, which stay; those of this run go to" in other.stderr
     assert (folder / "calibration.json").read_bytes() == before
-    other = tomllib.loads((folder.with_name("calibration_2") / "light.toml").read_text(encoding="utf-8"))
-    assert list(other["q"]) == ["*", "RA*", "EO*"]
+    settings = tomllib.loads((folder.with_name("calibration_2") / "light.toml").read_text(encoding="utf-8"))
+    assert list(settings["q"]) == ["*", "RA*", "EO*"]
+    assert settings["q"]["RA*"] == pytest.approx(5.5)
+    assert settings["calibration_bounds"] == {"q[RA*,EO*]": [1.0, 5.5]}
+    assert "at its bound" in other.stdout
 
 
 @pytest.mark.parametrize(
@@ -78,6 +93,8 @@ def test_a_known_gain_is_found_and_written_for_a_run(trials, tmp_path, monkeypat
         (["--measured-stiffness", "100"], "one of the two"),
         ([], "there is one unit, 'light'"),
         (["--calibrated", "weights"], "weights cannot be calibrated"),
+        (["--calibration-bounds", "q=9 2"], "bounds of q are 9 and 2, expected positive, finite numbers"),
+        (["--calibration-bounds", "q=9"], "expected a table"),
     ],
 )
 def test_what_cannot_be_calibrated_is_one_sentence(trials, tmp_path, monkeypatch, options, words):
