@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 MEMORY = 2 * 10**9
 #: Libraries read their number of threads from these before they start.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-#: What a worker does before its memory is full, which is for those who keep results in it.
-MEMORY_FEATURES = tuple(f"DASK_DISTRIBUTED__WORKER__MEMORY__{name}" for name in ("TARGET", "SPILL", "PAUSE"))
+#: What workers of a cluster made here leave out: what they would do before their memory is full, which is for
+#: those who keep results in it; and samples of themselves, which would take some 100 MB within 1,000 s.
+LEFT_OUT = ("memory.target", "memory.spill", "memory.pause", "profile.enabled")
 #: What workers of a cluster made here run first, for systems where they cannot be made deaf to it before.
 CTRL_C_IS_NOT_FOR_WORKERS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 #: How long a scheduler may take to answer [s].
@@ -94,11 +95,9 @@ def _started(made: contextlib.ExitStack, scheduler: str | None, workers: int | N
                 memory_limit="auto",  # an equal share; a worker that takes nearly all of it is started anew
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",  # any that is free: several studies may run
-                env={
-                    **dict.fromkeys(THREADS, "1"),
-                    **dict.fromkeys(MEMORY_FEATURES, "False"),
-                    "MPLBACKEND": "agg",
-                },
+                env={**dict.fromkeys(THREADS, "1"), "MPLBACKEND": "agg"},
+                # not by their environment, over which the configuration of this process is laid
+                config={f"distributed.worker.{name}": False for name in LEFT_OUT},
                 silence_logs=logging.CRITICAL,
                 preload=[CTRL_C_IS_NOT_FOR_WORKERS],
             )

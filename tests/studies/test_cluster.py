@@ -29,3 +29,21 @@ def test_ctrl_c_while_a_cluster_starts_is_heard_when_it_can_be_closed(monkeypatc
     (cluster,) = clusters
     assert cluster.status is distributed.Status.closed
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_workers_have_one_thread_and_leave_out_what_takes_memory_or_waits_for_it():
+    with client_of(None, 1) as client:
+        (found,) = client.run(
+            lambda dask_worker: {
+                "threads": os.environ["OMP_NUM_THREADS"],
+                "repeated": set(dask_worker.periodic_callbacks),
+                "memory": [
+                    getattr(dask_worker.memory_manager, f"memory_{what}_fraction")
+                    for what in ("target", "spill", "pause")
+                ],
+            }
+        ).values()
+    assert found["threads"] == "1"
+    assert "heartbeat" in found["repeated"]
+    assert not {"profile", "profile-cycle"} & found["repeated"]
+    assert found["memory"] == [False, False, False]
