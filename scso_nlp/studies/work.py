@@ -6,6 +6,7 @@ machine with the same file system. Nothing is raised for a trial that cannot be 
 
 from __future__ import annotations
 
+import functools
 import gc
 import logging
 import threading
@@ -160,6 +161,13 @@ def _ready() -> Iterator[None]:
             LOGGER.removeHandler(silent)
             # few objects of Python own much memory of CasADi: Python would wait long to look for cycles
             gc.collect()
+            _leave_imports_out()
+
+
+@functools.cache
+def _leave_imports_out() -> None:
+    """Leave all that is there, once, out of searches for cycles, which took longer than small trials do."""
+    gc.freeze()
 
 
 def _identity(result: RunResult) -> str:
