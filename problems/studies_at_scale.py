@@ -1,8 +1,9 @@
 """How fast studies are, what a trial costs besides its own work, and whether memory grows over many.
 
-``python -m problems.studies_at_scale forty`` runs forty trials in this process and on clusters of
-one and two workers; ``... thousand`` runs as many tiny problems and samples memory meanwhile. Both
-print what they measured. Data are looked for where ``SCSO_SHARED_DATA`` says.
+``python -m problems.studies_at_scale forty`` runs forty trials of less than a second in this process,
+one after the other, in two processes, and on clusters of two workers and one; ``... long`` the same with
+twelve trials that take some seven seconds each; ``... thousand`` runs as many tiny problems and samples
+memory meanwhile. All print what they measured. Data are looked for where ``SCSO_SHARED_DATA`` says.
 """
 
 from __future__ import annotations
@@ -12,17 +13,20 @@ import os
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import psutil
 
 from scso_nlp.examples import example_folder
 from scso_nlp.studies import Plan, plan, run
+from scso_nlp.studies.record import Outcome
 from scso_nlp.studies.running import _jobs
-from scso_nlp.studies.work import solve_trial
+from scso_nlp.studies.work import Task, solve_trial
 
 DATA = Path(os.environ.get("SCSO_SHARED_DATA", "../shared/data")).resolve()
 #: Setups with the ranges that are cut into windows [s], and how many windows of each.
@@ -46,6 +50,25 @@ def forty(folder: Path) -> Path:
     return _written(folder / "forty.csv", rows)
 
 
+def long(folder: Path) -> Path:
+    """Write a study file: windows of walking; six are long for OpenSim, six (compliant tendons) for IPOPT."""
+    names = ("subject", "trial", "setup", "initial_time", "final_time", "exponent", "q")
+    rows = [(*names, "stability", "joints", "step_interval", "muscle_model")]
+    setup = str(DATA / "walking3d/setup_static_optimization.xml")
+    times = np.linspace(0.48, 1.23, 4)
+    for exponent in (2, 3):
+        for k in range(3):
+            window = (f"{times[k]:.4f}", f"{times[k + 1]:.4f}", str(exponent), "40")
+            for step, model in (("1", "opensim-rigid"), ("20", "compliant")):
+                name = f"window{k}_p{exponent}_{model}"
+                rows.append(("walking3d", name, setup, *window, "potvin-brown", "ankle_r", step, model))
+    return _written(folder / "long.csv", rows)
+
+
+#: What is run by one process and by clusters.
+STUDIES = {"forty": forty, "long": long}
+
+
 def tiny(folder: Path, n: int) -> Plan:
     """Plan the embedded elbow ten times, by so many exponents that there are `n` runs."""
     setup = str(example_folder("elbow") / "setup.xml")
@@ -59,29 +82,50 @@ def _written(path: Path, rows: list[tuple[str, ...]]) -> Path:
     return path
 
 
-def timed(do: Callable[[], object]) -> float:
-    """Run something; give its wall time [s]."""
-    started = time.perf_counter()
+class Cost(NamedTuple):
+    """Wall time, and processor time of this process and of those that it has started and seen end [s]."""
+
+    wall: float
+    processor: float
+
+    def __str__(self) -> str:
+        return f"{self.wall:.1f} s, {self.processor:.1f} s of processors"
+
+
+def cost(do: Callable[[], object]) -> Cost:
+    """Run something."""
+    before = os.times()
     do()
-    return time.perf_counter() - started
+    after = os.times()
+    return Cost(after.elapsed - before.elapsed, sum(after[:4]) - sum(before[:4]))
 
 
-def throughput(folder: Path) -> None:
-    """Print times of forty trials: one process, one worker, two workers."""
-    found = plan(forty(folder))
+def throughput(folder: Path, study: Path) -> None:
+    """Print times of a study: one process; two beside each other; clusters of two workers and of one."""
+    found = plan(study)
     n = len(found.trials)
-    tasks = [job.task for job in _jobs(found, folder / "process")]
-    alone = timed(lambda: [solve_trial(task) for task in tasks])
-    print(f"{n} trials, one process: {alone:.1f} s", flush=True)
-    for workers in (1, 2):
-        seconds = timed(
-            lambda w=workers: run(found, output=folder / f"workers{w}", workers=w, progress=False)
-        )
+    first, second = ([job.task for job in _jobs(found, folder / name)] for name in ("one", "two"))
+    ends: list[Outcome] = []
+    alone = cost(lambda: ends.extend(map(solve_trial, first)))
+    stages = {stage: sum(end.seconds.get(stage, 0.0) for end in ends) for stage in ends[-1].seconds}
+    told = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.items())
+    print(f"{n} trials, one process: {alone}; {told}", flush=True)
+    ways = {
+        "two processes without Dask": lambda: _by_two(second),
+        "a cluster of two": lambda: run(found, output=folder / "cluster2", workers=2, progress=False),
+        "a cluster of one": lambda: run(found, output=folder / "cluster1", workers=1, progress=False),
+    }
+    for name, way in ways.items():
+        taken = cost(way)
+        more = (taken.processor - alone.processor) / n
         print(
-            f"{workers} workers: {seconds:.1f} s, {alone / seconds:.2f} times as fast, "
-            f"{workers * seconds / n - alone / n:+.3f} s of a worker's time per trial",
-            flush=True,
+            f"{name}: {taken}, {alone.wall / taken.wall:.2f} times as fast, {more:+.3f} s a trial", flush=True
         )
+
+
+def _by_two(tasks: list[Task]) -> None:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        list(pool.map(solve_trial, tasks))
 
 
 def memory(folder: Path, n: int) -> None:
@@ -102,11 +146,11 @@ def memory(folder: Path, n: int) -> None:
     watcher = threading.Thread(target=watch)
     watcher.start()
     try:
-        seconds = timed(lambda: run(found, output=folder / "tiny", workers=2, progress=False))
+        taken = cost(lambda: run(found, output=folder / "tiny", workers=2, progress=False))
     finally:
         over.set()
         watcher.join()
-    print(f"{n} runs on 2 workers: {seconds:.1f} s, {seconds / n:.3f} s each")
+    print(f"{n} runs on 2 workers: {taken}, {taken.processor / n:.3f} s each")
     for mark in (0.1, 0.25, 0.5, 0.75, 0.98):
         ended, sizes = min(samples, key=lambda sample: abs(sample[0] - mark * n))
         print(f"after {ended} runs: this process {sizes[0]} MiB, workers {sizes[1:]} MiB")
@@ -114,7 +158,7 @@ def memory(folder: Path, n: int) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        if sys.argv[1] == "forty":
-            throughput(Path(temporary))
+        if sys.argv[1] in STUDIES:
+            throughput(Path(temporary), STUDIES[sys.argv[1]](Path(temporary)))
         else:
             memory(Path(temporary), int(sys.argv[2]) if len(sys.argv) > 2 else 1000)
