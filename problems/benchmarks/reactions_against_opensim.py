@@ -61,6 +61,47 @@ class Comparison:
         )
 
 
+def opensims_reactions(
+    setup: Path, motion: scso.Motion, tendon_force: FloatArray, control: FloatArray, step: int
+) -> dict[tuple[str, str], Storage]:
+    """Let OpenSim's JointReaction say what joints carry at given forces.
+
+    Parameters
+    ----------
+    setup : Path
+    motion : Motion
+        Of that setup at every `step`-th row of its motion file.
+    tendon_force : ndarray, shape (n_frames, n_muscles) [N]
+    control : ndarray, shape (n_frames, n_actuators) [-]
+    step : int
+
+    Returns
+    -------
+    dict of (str, str) to Storage
+        At the frames of the motion, by body that reactions act on and frame that they are seen in.
+
+    Raises
+    ------
+    RuntimeError
+        OpenSim gave no answer, or one at other times.
+    """
+    trajectory = motion.trajectory
+    labels = (*trajectory.muscles, *trajectory.actuators)
+    values = np.concatenate([tendon_force, control * motion.actuators.optimal_force], axis=1)
+    # OpenSim wants every actuator of the model, applied or not
+    others = [name for name in model_names(read_analyze_setup(setup).motion).forces if name not in labels]
+    values = np.pad(values, ((0, 0), (0, len(others))))
+    forces = Storage(name="forces", labels=(*labels, *others), time=trajectory.time, values=values)
+    with tempfile.TemporaryDirectory() as scratch:
+        theirs = _ask_opensim(setup, Path(scratch), forces, step)
+    for place, table in theirs.items():
+        rows = np.abs(table.time - trajectory.time[:, None]).argmin(axis=1)
+        if np.abs(table.time[rows] - trajectory.time).max() > SAME_TIME:
+            raise RuntimeError(f"OpenSim answers at other times than {setup} has")
+        theirs[place] = replace(table, time=trajectory.time, values=table.values[rows])
+    return theirs
+
+
 def beside_opensim(
     setup: Path, motion: scso.Motion, tendon_force: FloatArray, control: FloatArray, step: int
 ) -> Comparison:
@@ -68,12 +109,8 @@ def beside_opensim(
 
     Parameters
     ----------
-    setup : Path
-    motion : Motion
-        Of that setup at every `step`-th row of its motion file, read with joint reactions.
-    tendon_force : ndarray, shape (n_frames, n_muscles) [N]
-    control : ndarray, shape (n_frames, n_actuators) [-]
-    step : int
+    setup, motion, tendon_force, control, step
+        As for :func:`opensims_reactions`; the motion is read with joint reactions.
 
     Returns
     -------
@@ -85,22 +122,14 @@ def beside_opensim(
         OpenSim gave no answer, or one at other times or of other joints.
     """
     trajectory, reactions = motion.trajectory, required(motion.trajectory.joint_reactions)
-    labels = (*trajectory.muscles, *trajectory.actuators)
-    values = np.concatenate([tendon_force, control * motion.actuators.optimal_force], axis=1)
-    # OpenSim wants every actuator of the model, applied or not
-    others = [name for name in model_names(read_analyze_setup(setup).motion).forces if name not in labels]
-    values = np.pad(values, ((0, 0), (0, len(others))))
-    forces = Storage(name="forces", labels=(*labels, *others), time=trajectory.time, values=values)
     sizes, apart, seen = [], [], []
-    with tempfile.TemporaryDirectory() as scratch:
-        theirs = _ask_opensim(setup, Path(scratch), forces, step)
+    theirs = opensims_reactions(setup, motion, tendon_force, control, step)
     for (on, frame), table in theirs.items():
         ours = reactions.at(tendon_force, control, on=on, frame=frame)
-        rows = np.abs(table.time - trajectory.time[:, None]).argmin(axis=1)
-        if ours.labels != table.labels or np.abs(table.time[rows] - trajectory.time).max() > SAME_TIME:
-            raise RuntimeError(f"OpenSim answers for other joints or times than {setup} has")
+        if ours.labels != table.labels:
+            raise RuntimeError(f"OpenSim answers for other joints than {setup} has")
         # frames, joints, (force, moment, point), axes
-        expected = table.values[rows].reshape(len(rows), -1, 3, 3)
+        expected = table.values.reshape(len(table.time), -1, 3, 3)
         sizes.append(np.linalg.norm(expected, axis=3).max(axis=0))
         apart.append(np.abs(ours.columns.reshape(expected.shape) - expected).max(axis=(0, 3)))
         seen.append([f"{place[0]} on {place[1]} in {place[2]}" for place in _places(ours)])

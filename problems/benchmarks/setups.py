@@ -62,24 +62,9 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
                 cutoff=8,
             )
         )
-    model = implant / "Rajagopal2015-scaled.osim"
     changes = ("GC5_ss1", "clamped_"), ("GC5_ss1", "agreeing_")
     for trial, changed in (("GC5_ss1", ""), ("GC5_ss3", ""), ("GC5_ss8", ""), *changes):
-        loads = with_data(implant / "ExternalLoads.xml", implant / f"{trial}_kinetics.mot")
-        made, motion = folder / f"knee_implant_{changed}{trial}", implant / f"{trial}.mot"
-        found.append(
-            _write(
-                made,
-                model=_with_narrow_knees(model, made) if changed == "clamped_" else model,
-                motion=_in_radians(motion, made) if changed == "agreeing_" else motion,
-                loads=loads,
-                actuators=(implant / "ForceSet.xml").read_text(encoding="utf-8"),
-                start=0.3,
-                end=0.8,
-                step=3,
-                cutoff=6,
-            )
-        )
+        found.append(write_implant(implant, folder, trial, changed, start=0.3, end=0.8, step=3))
     for trial in ("stoop5kg", "stoop15kg"):
         model = lifting / "lumbarModel_scaled.osim"
         found.append(
@@ -97,6 +82,37 @@ def write_setups(data: Path, folder: Path) -> list[Path]:
         )
     found.append(_without_muscles(data / "public" / "moco_2d_muscles_as_components", folder))
     return found
+
+
+def write_implant(implant: Path, folder: Path, trial: str, changed: str = "", **settings: object) -> Path:
+    """Write a setup for a trial of the knee with an implant.
+
+    Parameters
+    ----------
+    implant : Path
+        The data.
+    folder : Path
+    trial : str
+    changed : str
+        ``"clamped_"``: knees of the model with a narrow range. ``"agreeing_"``: coupled columns in radians.
+    settings
+        Start, end and step.
+
+    Returns
+    -------
+    Path
+    """
+    made = folder / f"knee_implant_{changed}{trial}"
+    model, motion = implant / "Rajagopal2015-scaled.osim", implant / f"{trial}.mot"
+    return _write(
+        made,
+        model=_with_narrow_knees(model, made) if changed == "clamped_" else model,
+        motion=_in_radians(motion, made) if changed == "agreeing_" else motion,
+        loads=with_data(implant / "ExternalLoads.xml", implant / f"{trial}_kinetics.mot"),
+        actuators=(implant / "ForceSet.xml").read_text(encoding="utf-8"),
+        cutoff=6,
+        **settings,
+    )
 
 
 def _without_muscles(public: Path, folder: Path) -> Path:
