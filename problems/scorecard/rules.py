@@ -28,6 +28,8 @@ MOST_RESERVES = 0.1
 LAGS = np.arange(21) / 100
 #: A prediction that changes by less, absolutely and of its value, does not change [-].
 STEADY, STEADY_SHARE = 1e-3, 0.01
+#: Differences below this share of the rival's error are rounding of solvers [-].
+ROUNDING = 1e-6
 #: Metrics of which one has to be better for a claim.
 CLAIMS = ("antagonists", "contact force")
 
@@ -136,8 +138,10 @@ def interval(differences: Sequence[float] | FloatArray) -> tuple[float, float, f
 
 def seen(errors: Sequence[float], rival: Sequence[float]) -> int:
     """Tell if errors are seen to be below (-1) or above (1) a rival's in the same units, or neither (0)."""
-    _, low, high = interval(np.asarray(errors, dtype=float) - np.asarray(rival, dtype=float))
-    return -1 if high < 0 else 1 if low > 0 else 0
+    beside = np.asarray(rival, dtype=float)
+    _, low, high = interval(np.asarray(errors, dtype=float) - beside)
+    least = ROUNDING * np.max(np.nan_to_num(beside), initial=0.0)
+    return -1 if high < -least else 1 if low > least else 0
 
 
 @dataclass(frozen=True, kw_only=True)

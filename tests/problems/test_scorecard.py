@@ -115,6 +115,12 @@ def test_reserves_may_be_as_large_as_those_of_static_optimization():
     assert verdict(moved(-0.2, reserves=0.4), plain)[0] == "better"
 
 
+def test_rounding_of_solvers_is_no_difference():
+    rival = np.array([0.5, 0.6, 0.5, math.nan])
+    for more, sign in ((1e-9, 0), (-1e-9, 0), (1e-5, 1), (-1e-5, -1)):
+        assert rules.seen(rival + more, rival) == sign
+
+
 def test_predictions_change_by_more_than_rounding():
     assert rules.is_above(0.0520, 0.05)
     assert not rules.is_above(0.0509, 0.05)
