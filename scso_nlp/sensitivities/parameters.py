@@ -202,7 +202,7 @@ def changes_of(parameters: Sequence[Parameter], program: FrameProgram) -> Change
     for i, parameter in enumerate(parameters):
         found.add(i, parameter)
     return Changes(
-        arrays={key: sp.csr_matrix(np.stack(columns, axis=1)) for key, columns in found.dense().items()},
+        arrays=found.sparse(),
         lower=found.lower,
         levels=found.levels,
         costs=found.costs,
@@ -218,12 +218,17 @@ class _Collected:
         self.levels = {block.term: np.zeros((len(block.names), n_parameters)) for block in program.matrices}
         self.costs = {name: np.zeros(n_parameters) for name, _ in program.objectives}
 
-    def dense(self) -> dict[Key, list[FloatArray]]:
+    def sparse(self) -> dict[Key, sp.csr_matrix]:
         """Columns of all parameters by array, zero where one does not change it."""
-        return {
-            key: [columns.get(i, np.zeros(self.program.arrays[key].size)) for i in range(self.n)]
-            for key, columns in self.columns.items()
-        }
+        found = {}
+        for key, columns in self.columns.items():
+            places = {i: np.flatnonzero(column) for i, column in columns.items()}
+            row = np.concatenate(list(places.values()))
+            column = np.repeat(list(places), [where.size for where in places.values()])
+            values = np.concatenate([columns[i][where] for i, where in places.items()])
+            shape = (self.program.arrays[key].size, self.n)
+            found[key] = sp.csr_matrix((values, (row, column)), shape=shape)
+        return found
 
     def add(self, i: int, parameter: Parameter) -> None:
         """Collect what one parameter changes."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from scso_nlp.transcription.piece import Key, Piece, evaluate
+from scso_nlp.transcription.piece import Key, Piece, evaluate, jacobian_by_rows
 from scso_nlp.validation import FloatArray, IntArray
 
 #: Where the multipliers of a weighted piece stand among the arrays.
@@ -56,7 +56,8 @@ def by_data(
             continue
         down, across = np.divmod(used[key], symbol.size2())
         chosen = ca.vec(symbol)[(across * symbol.size1() + down).tolist()]
-        jacobian = ca.jacobian(piece.expression, chosen)
+        is_wide = piece.expression.numel() < chosen.numel()
+        jacobian = (jacobian_by_rows if is_wide else ca.jacobian)(piece.expression, chosen)
         row, place = (np.array(v, dtype=np.int64) for v in jacobian.sparsity().get_triplet())
         if row.size:
             found.append((key, offset, row, used[key][place]))

@@ -85,10 +85,16 @@ class Derivatives:
 
 def first_order(piece: Piece) -> Derivatives:
     """Value, and entries of the Jacobian by all unknowns."""
-    # row by row: together, a sweep over the graph of all rows is made for every colour of a dense matrix
-    rows = [ca.jacobian(row, piece.all_unknowns) for row in ca.vertsplit(piece.expression)]
-    matrix = ca.vertcat(*rows) if rows else ca.jacobian(piece.expression, piece.all_unknowns)
-    return _derivatives(piece, piece.expression, matrix)
+    return _derivatives(piece, piece.expression, jacobian_by_rows(piece.expression, piece.all_unknowns))
+
+
+def jacobian_by_rows(expression: ca.SX, symbols: ca.SX) -> ca.SX:
+    """Differentiate a column row by row.
+
+    Together, a sweep over the graph of all rows is made for every colour of a dense matrix.
+    """
+    rows = [ca.jacobian(row, symbols) for row in ca.vertsplit(expression)]
+    return ca.vertcat(*rows) if rows else ca.jacobian(expression, symbols)
 
 
 def second_order(piece: Piece, x: ca.SX | None = None) -> Derivatives:
