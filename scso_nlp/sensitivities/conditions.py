@@ -39,8 +39,12 @@ SINGULAR = 1e10
 #: Newton's method has arrived when its step is below this much of the unknowns, or changes the equations by
 #: less than this [-]; and its most steps.
 _ARRIVED, _MOST_STEPS = 1e-9, 8
+#: Most turns in which unknowns follow multipliers where Newton's method has not found a strict active set.
+_MOST_TURNS = 12
 #: An unknown nearer to a bound than this much of the frame's largest, or of one, is at it [-].
 _AT_BOUND = 1e-9
+#: One farther from it than this is not at it, whatever its multiplier: that of a tiny power is rounding [-].
+_FAR = 0.1
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -78,6 +82,8 @@ class Conditions:
         self.usable = solution.is_solved & np.isfinite(solution.activation).all(axis=1)
         self.point = self._point(solution)
         self.turned: list[Turned] = []
+        self.at_bound: IntArray
+        self.is_regular: BoolArray
         self._look(choose=True)
 
     @property
@@ -140,9 +146,19 @@ class Conditions:
         Afterwards `linear` has the factorised conditions, `is_regular` (n_frames,) tells which frames may be
         differentiated, and `is_kink` (n_frames,) where that fails for want of strict complementarity.
         """
-        nothing = np.zeros(self.n, dtype=bool)
-        self.is_kink, self.is_singular, gone = nothing.copy(), nothing.copy(), ~self.usable
         self._put_on_bounds()
+        self._arrive()
+        missed = self.usable & ~self.is_regular
+        alone = not (self.is_coupled or self.curved or self.models)
+        if missed.any() and alone and self.program.degree is not None:
+            self._follow_multipliers(missed)
+            self._arrive()
+        if self.is_coupled and not self.is_regular.all():
+            self.is_regular = np.zeros(self.n, dtype=bool)
+
+    def _arrive(self) -> None:
+        """Take Newton's steps with the active set there is, and judge all frames."""
+        self.is_singular, gone = np.zeros(self.n, dtype=bool), ~self.usable
         self._look(choose=False)
         parts, is_settled = self._hessian(), False
         for _ in range(_MOST_STEPS):
@@ -164,8 +180,42 @@ class Conditions:
             self.linear = self._linear(parts, ~gone)
         self.is_kink = self.usable & ~self.is_singular & ~self._is_strict()
         self.is_regular = self.usable & ~self.is_singular & ~self.is_kink
-        if self.is_coupled and not self.is_regular.all():
-            self.is_regular = nothing
+
+    def _follow_multipliers(self, missed: BoolArray) -> None:
+        """Let unknowns follow the multipliers of rows, from bounds and onto them, until nothing moves.
+
+        High powers leave small unknowns, and powers below 2 those at zero, far from their optimum as shares
+        of themselves, where Newton's method by the unknowns is slow, or is stopped by the wrong bounds.
+        """
+        missed = missed.copy()
+        for _ in range(_MOST_TURNS):
+            before = self.point.x
+            self.linear = self._linear(self._hessian(), missed)
+            self._step(self.linear.solve(-self.linear.left), missed)
+            self._place_by_multipliers(missed, before)
+            self._look(choose=False)
+            far = np.abs(self.point.x - before).max(axis=1, initial=0.0)
+            missed &= far > _ARRIVED * np.abs(self.point.x).max(axis=1, initial=0.0)
+            if not missed.any():
+                return
+
+    def _place_by_multipliers(self, missed: BoolArray, x: FloatArray) -> None:
+        """Put unknowns where their cost, if it is a power, rises as their rows push, or onto their bounds."""
+        lower, upper = (bound.reshape(self.n, self.size) for bound in self.bounds)
+        push = -(self.slope.T @ self.point.row).reshape(x.shape)
+        at = np.where(x == 0, np.clip(np.sign(push), lower, upper), x)
+        rise, bend = np.zeros_like(x), np.zeros_like(x)
+        for cost in self.costs:
+            first, second = cost.at(at, self.program.arrays)
+            rise += first
+            own = cost.row == cost.column
+            bend[:, cost.row[own]] += second[:, own]
+        with np.errstate(all="ignore"):
+            placed = at * np.sign(push * rise) * np.abs(push / rise) ** (rise / (at * bend))
+        is_own = missed[:, None] & (lower < upper) & np.isfinite(placed)
+        self.point.x = np.where(is_own, np.clip(placed, lower, upper), self.point.x)
+        side = np.where(placed <= lower, -1, np.where(placed >= upper, 1, 0))
+        self.at_bound = np.where(is_own, side, self.at_bound.reshape(x.shape)).ravel()
 
     def _is_settled(self, before: Sequence[Part], after: Sequence[Part]) -> bool:
         """Tell whether a step has left the equations as they were: always where they are linear."""
@@ -223,8 +273,9 @@ class Conditions:
         near_lower, near_upper = (x - lower) / size, (upper - x) / size
         self.at_bound = np.where(lower == upper, 2, 0)
         is_open = lower < upper
-        self.at_bound[is_open & ((push > near_lower) | (near_lower <= _AT_BOUND))] = -1
-        self.at_bound[is_open & ((-push > near_upper) | (near_upper <= _AT_BOUND))] = 1
+        for sign, near in ((-1, near_lower), (1, near_upper)):
+            is_held = (-sign * push > near) & (near < _FAR)
+            self.at_bound[is_open & (is_held | (near <= _AT_BOUND))] = sign
         self.at_rest = is_open & (self.rise == 0) & ((x == lower) | (x == upper))
         self.at_bound[self.at_rest] = 2
         keeper = bounds_kept_by_rows(self.program, (self.at_bound == 0).reshape(self.n, -1))

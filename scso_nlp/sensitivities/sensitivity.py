@@ -29,7 +29,7 @@ class Regularity(enum.Enum):
 
     REGULAR = "the optimum changes smoothly"
     KINK = "a bound, row or turn is neither clearly active nor clearly inactive: both sides differ"
-    SINGULAR = "the optimum, or its multipliers, are not unique to first order"
+    SINGULAR = "the optimum or its multipliers are not unique to first order, or too far from what was solved"
     COUPLED = "another frame, which terms couple with this one, has no derivatives"
     NOT_SOLVED = "the frame was not solved"
 

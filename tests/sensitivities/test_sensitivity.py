@@ -50,6 +50,31 @@ def test_two_muscles_at_one_joint_change_as_lagrange_says(exponent):
     np.testing.assert_allclose(multiplier, p * (p - 1) * least / moment**2, rtol=1e-7)
 
 
+@pytest.mark.parametrize(("exponent", "put"), [(1.5, 0.0), (5.0, 0.01), (10.0, 0.01)])
+def test_a_muscle_that_a_solver_left_at_the_wrong_bound_finds_its_optimum(exponent, put):
+    """A weak muscle costs next to nothing at its bound, at which neither power has its optimum."""
+    trajectory = motion(np.array([[[0.05, 0.03], [0.0, 0.0]]]), [[30.0, 1e-3]], actuator_columns=[[0], [1]])
+    problem = pair(30.0, exponent, lower=put)
+    problem = dataclasses.replace(
+        problem,
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters(trajectory.muscles, [1000.0, 50.0], lower=put),
+            actuators=scso.ActuatorParameters(
+                actuators=trajectory.actuators, optimal_force=[1.0], min_control=[-1.0], max_control=[1.0]
+            ),
+        ),
+        constraints=(scso.MomentEquilibrium(),),
+    )
+    solution = scso.solve_trajectory(problem)
+    left = dataclasses.replace(solution, activation=np.array([[30.0 / 50.0, put]]))
+    change = scso.sensitivity(left, ["generalized_forces[q1]", "generalized_forces[q2]"])
+    strength, b = np.array([50.0, 1.5]), 1 / (exponent - 1)
+    by_moment = strength**b / (strength ** (b + 1)).sum()
+    np.testing.assert_allclose(change.activation[0], [by_moment, [0.0, 0.0]], rtol=1e-9)
+    np.testing.assert_allclose(change.control[0], [[0.0], [1.0]], atol=1e-12)
+
+
 def test_antagonists_at_their_level_change_with_q_as_the_row_says():
     """Without a moment both have the same a, and 2 a F GS = EW + level; GS rises by r²/L per unit of q."""
     problem = two_antagonists(0.0, q=5.0, level=10.0)
