@@ -404,7 +404,8 @@ class Conditions:
         slope = sp.vstack(slopes, format="csr")
         active = slope[rows][:, free]
         matrix = sp.bmat([[hessian, active.T], [active, None]], format="csr") if rows.size else hessian
-        scale, scaled, factors = factorised(matrix, free.size)
+        curvature = sparse(kept[: len(self.costs)], shape).diagonal()[free]
+        scale, scaled, factors = factorised(matrix, curvature)
         return Linear(
             free=free,
             rows=rows,

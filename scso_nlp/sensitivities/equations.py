@@ -13,6 +13,7 @@ from scso_nlp.validation import FloatArray, IntArray
 
 #: What is added to equations that are exactly singular, so that the other frames have their answer.
 _RIDGE = 1e-13
+_TINY = float(np.finfo(float).tiny)
 
 #: Entries of a matrix of all frames, with their rows and columns, each of shape (n, n_entries).
 Part = tuple[FloatArray, IntArray, IntArray]
@@ -67,8 +68,14 @@ class Linear:
         return largest
 
 
-def factorised(matrix: sp.csr_matrix, n_free: int) -> tuple[FloatArray, sp.csc_matrix, object]:
+def factorised(matrix: sp.csr_matrix, curvature: FloatArray) -> tuple[FloatArray, sp.csc_matrix, object]:
     """Scale and factorise symmetric equations, the first of which are those of the unknowns.
+
+    Parameters
+    ----------
+    matrix : sparse matrix
+    curvature : ndarray, shape (n_free,)
+        Of costs, by each unknown.
 
     Returns
     -------
@@ -78,12 +85,12 @@ def factorised(matrix: sp.csr_matrix, n_free: int) -> tuple[FloatArray, sp.csc_m
     factors : object with solve
         Where the equations are exactly singular, of those next to them.
     """
-    scale = _equilibrated(matrix)
+    scale = _equilibrated(matrix, curvature)
     scaled = (sp.diags(scale) @ matrix @ sp.diags(scale)).tocsc()
     try:
         return scale, scaled, splu(scaled)
     except RuntimeError:  # exactly singular
-        ridge = np.where(np.arange(scale.size) < n_free, _RIDGE, -_RIDGE)
+        ridge = np.where(np.arange(scale.size) < curvature.size, _RIDGE, -_RIDGE)
         return scale, scaled, splu((scaled + sp.diags(ridge)).tocsc())
 
 
@@ -103,16 +110,26 @@ def dense_rows(rows: FloatArray) -> sp.csr_matrix:
     return sp.csr_matrix((rows.ravel(), (row, column)), shape=(n * m, n * size))
 
 
-def _equilibrated(matrix: sp.csr_matrix) -> FloatArray:
-    """Scale of rows and columns with which the largest entry of each is near one (Ruiz 2001)."""
+def _equilibrated(matrix: sp.csr_matrix, curvature: FloatArray) -> FloatArray:
+    """Scale of rows and columns with which the largest entry of each is near one (Ruiz 2001).
+
+    Curvatures of costs become one first. Those of high powers, a^(p - 2), span more than doubles tell apart,
+    but each is as exact as its unknown: a small one is no sign that equations are singular.
+    """
     length = np.diff(matrix.indptr)
     start, row = matrix.indptr[:-1][length > 0], np.repeat(np.arange(length.size), length)
-    entries, scale = np.abs(matrix.data), np.ones(length.size)
-    for _ in range(5):
+    is_curved = np.zeros(length.size, dtype=bool)
+    is_curved[: curvature.size] = curvature > _TINY
+    scale = np.ones(length.size)
+    scale[is_curved] = 1 / np.sqrt(curvature[is_curved[: curvature.size]])
+    entries = np.abs(matrix.data) * scale[row] * scale[matrix.indices]
+    for turn in range(6):
         largest = np.zeros(length.size)
         if start.size:
             largest[length > 0] = np.maximum.reduceat(entries, start)
         factor = 1 / np.sqrt(np.where(largest > 0, largest, 1.0))
+        if turn == 0:
+            factor = np.where(is_curved, 1.0, factor**2)
         scale *= factor
         entries *= factor[row] * factor[matrix.indices]
     return scale
