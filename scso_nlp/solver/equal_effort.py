@@ -19,6 +19,8 @@ from scso_nlp.solver.verbs import solve_trajectory
 
 #: Width of the interval in which the strength is known, at last, as a share of it [-].
 _NARROW = 1e-8
+#: A term is missed at its price by more than this, in the unit of its rows.
+_MISSED = 1e-6
 
 Alternative = FrameObjective | FramePairObjective | FrameConstraint | FramePairConstraint
 
@@ -77,13 +79,15 @@ def at_effort(
     ------
     ProblemError
         A problem without one effort; an effort below what the problem takes, or beyond what the term can
-        take: at `strongest`, or because frames have no answer any more.
+        take: at `strongest`, as where it is rather missed at its price, or because frames have no answer.
     SolveFailed
         The problem itself is not solved.
 
     Notes
     -----
     By halving. Frames are solved together, with one strength for all: what a rule for a whole motion means.
+    Terms that may be missed at a price take less effort again when they are too strong: what is found is
+    where effort rises with strength.
 
     Examples
     --------
@@ -119,8 +123,12 @@ def at_effort(
     found = solved(strongest)
     most = taken(found)
     if most < effort * (1 - tolerance):
+        missed = found.variables.get(f"{alternative(strongest).name}.missed", np.zeros(1)).max() > _MISSED
+        remedy = (
+            ", where it is missed at its price (soft): raise the price or lower " if missed else ": raise "
+        )
         raise ProblemError(
-            f"effort is {effort:g}, but the term takes {most:g} at its strongest, {strongest:g}: raise that"
+            f"effort is {effort:g}, but the term takes {most:g} at its strongest, {strongest:g}{remedy}that"
         )
     strength, reached = strongest, most
     while strong - weak > _NARROW * strong:

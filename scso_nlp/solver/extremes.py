@@ -4,13 +4,14 @@ The least :math:`c^T x` with effort :math:`E(x) \le \beta`, all rows and all bou
 
 .. math:: x(s) = \arg\min_x E(x) + s\, c^T x
 
-meets :math:`E = \beta`. E is quadratic, so the path is piecewise linear and a few quadratic programs by the
-active-set method DAQP find it, each warm from the last. Multipliers y of the rows, over s, are a certificate:
+meets :math:`E = \beta`. With exponent 2 the path is piecewise linear, and a few quadratic programs by the
+active-set method DAQP find it, each warm from the last; with other exponents every point of it takes a few
+steps of Newton's method, each such a program. Multipliers y of the rows, over s, are a certificate:
 
 .. math:: c^T x \ge \min_{l \le z \le u} \left( c^T z + \tfrac1s (E(z) - \beta) + y^T (A z - b) \right)
 
 holds whatever y and s > 0 are, with b the side of each row that the sign of y means. It is evaluated by
-multiplication, because E is a sum over unknowns.
+multiplication, because E is a sum over unknowns, of which each has its minimum written down.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 
 import daqp
 import numpy as np
+from scipy.optimize import brentq
 
 from scso_nlp.arguments import checked
 from scso_nlp.constraints.stability_constraint import StabilityConstraint
@@ -26,6 +28,7 @@ from scso_nlp.display import without_arrays
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution
 from scso_nlp.solver.judge import unknowns_of
+from scso_nlp.solver.powers import Powers
 from scso_nlp.solver.presolve import ConvexObjective, can_presolve
 from scso_nlp.solver.redundant import without_redundant_rows
 from scso_nlp.solver.threads import one_thread
@@ -46,6 +49,14 @@ _STEEPEST = 1e8
 _AT_BOUND = 1e-7
 #: A piece of the path that a step leaves longer than this much of it is halved [-].
 _LEAST_GAIN = 0.5
+#: Newton's method has arrived at a point of the path when a step promises less than this of the effort that
+#: may be added [-]; most steps, and halvings of each.
+_PROMISE, _MOST_STEPS, _MOST_HALVINGS = 1e-10, 40, 20
+#: Of a step's promise, what has to be kept [-].
+_KEPT_PROMISE = 1e-4
+#: Curvature is taken this much nearer to zero with every step, where an unknown is nearer than that: powers
+#: other than 2 have none there, or an infinite one [-].
+_BESIDE = 0.5
 _EQUATION, _INEQUALITY = 5, 0
 _SOLVED = (1, 4)
 
@@ -118,7 +129,7 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     Parameters
     ----------
     solution : Solution
-        Of a problem whose frames are apart and whose rows are affine, with an effort of exponent 2.
+        Of a problem whose frames are apart and whose rows are affine, with an effort of any finite exponent.
     effort : float [-]
         Share by which the objective of each frame may exceed its optimum, positive. What an equation
         determines by itself, as a residual that no muscle helps, is no choice: its cost does not count.
@@ -136,7 +147,7 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     ------
     ProblemError
         Frames that are coupled, rows that are not affine, a matrix inequality, an objective that is no sum of
-        squares, or a share that is not positive.
+        squares or of one power (as with actuators below exponent 2), or a share that is not positive.
 
     Examples
     --------
@@ -152,27 +163,32 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
         )
     program = without_redundant_rows(describe(solution.problem))
     objective = ConvexObjective.of(program)
-    if not can_presolve(program) or program.matrices:
+    if program.matrices:
         raise ProblemError(
-            "ranges need frames that are apart and affine rows: leave out terms that couple frames, muscle "
-            "models with elastic tendons and the whole Hessian, or take stability along coordinates"
+            f"ranges need affine rows, but {program.matrices[0].term} keeps a whole matrix: take "
+            "CoordinateStability (diagonal) over its coordinates instead"
         )
-    if not (objective.is_quadratic and objective.is_separable):
-        raise ProblemError("ranges need an objective that is a sum of squares: ActivationEffort(exponent=2)")
+    if not can_presolve(program):
+        raise ProblemError(
+            "ranges need frames that are apart and affine rows: leave out terms that couple frames, and "
+            "muscle models with elastic tendons"
+        )
+    powers = Powers.of(program, objective)
+    if powers is None:
+        raise ProblemError(
+            "ranges need an objective that is a sum of squares, or of one power of every unknown, as "
+            "ActivationEffort(exponent=p) is: with p finite, and without actuators where p is below 2"
+        )
     with one_thread():
-        return _Search(program, solution, objective, effort).found()
+        return _Search(program, solution, powers, effort).found()
 
 
 class _Search:
     """Extremes of all frames; unknowns are scaled."""
 
-    def __init__(
-        self, program: FrameProgram, solution: Solution, objective: ConvexObjective, effort: float
-    ) -> None:
-        self.program, self.solution, self.effort = program, solution, effort
+    def __init__(self, program: FrameProgram, solution: Solution, powers: Powers, effort: float) -> None:
+        self.program, self.solution, self.powers, self.effort = program, solution, powers, effort
         self.unknowns = np.clip(unknowns_of(program, solution), *program.bounds())
-        self.slope, self.curvature = objective.near(np.zeros_like(self.unknowns), program.arrays)
-        self.constant = objective.values(np.zeros_like(self.unknowns), program.arrays)
         self.lower, self.upper = program.bounds()
         affine = program.split.affine
         self.rows = affine.dense(program.layout.size)
@@ -244,18 +260,22 @@ class _Frame:
         self.rows = rows[used] / length[:, None]
         self.low, self.high = ((side[k] - held)[used] / length for side in (search.low, search.high))
         self.lower, self.upper = search.lower[k, free], search.upper[k, free]
-        self.slope, self.curvature = search.slope[k, free], search.curvature[k, free]
-        self.constant, self.optimum = search.constant[k], search.unknowns[k, free]
-        least = self._effort(self.optimum)
-        self.most = least + search.effort * abs(least)
+        self.optimum = search.unknowns[k, free]
+        effort = search.powers.at(k, free)
+        self.effort = effort.over(abs(float(effort.value(self.optimum))) or 1.0)
+        least = float(self.effort.value(self.optimum))
+        self.rise = search.effort * abs(least)
+        self.most = least + self.rise
+        self.is_power = self.effort.weight > 0
+        self.alone = self._alone()
         settled, costs = costs @ fixed, costs[:, free]
         self.costs = np.concatenate([costs, -costs])
-        raised = np.maximum(self.curvature, _FLATNESS * self.curvature.max(initial=1.0))
+        raised = self._curvature(self.optimum, 1)
         size = np.abs(self.costs).max(axis=1, initial=0.0)
         reach = ((self.costs**2) / raised).sum(axis=1)
-        first = np.sqrt(2 * (self.most - least) / np.maximum(reach, 1e-300))
+        first = np.sqrt(2 * self.rise / np.maximum(reach, 1e-300))
         self.price = first if price is None else price
-        self.is_open = (size > 0) & (self.most > least)
+        self.is_open = (size > 0) & (self.rise > 0)
         self.reachable = self._reachable()
         lower, upper = self.reachable
         with np.errstate(invalid="ignore"):
@@ -265,7 +285,7 @@ class _Frame:
         self.model.settings = {"primal_tol": _SIDES}
         low, high = np.concatenate([self.lower, self.low]), np.concatenate([self.upper, self.high])
         kind = np.where(low == high, _EQUATION, _INEQUALITY).astype(np.int32)
-        self.model.setup(np.diag(raised), self.slope.copy(), self.rows, high, low, kind)
+        self.model.setup(np.diag(raised), self.effort.slope.copy(), self.rows, high, low, kind)
         points, multipliers, prices = self._extremes(first)
         self.price = np.where(prices > 0, prices, first)
         n = len(costs)
@@ -275,8 +295,37 @@ class _Frame:
         self.attained = np.stack([value[:n], -value[n:]]) + settled
         self.certified = np.stack([bound[:n], -bound[n:]]) + settled
 
-    def _effort(self, x: FloatArray) -> float:
-        return float(0.5 * (self.curvature * x) @ x + self.slope @ x + self.constant)
+    def _curvature(self, x: FloatArray, n_steps: int) -> FloatArray:
+        """Curvature beside a point, positive."""
+        beside = np.maximum(np.abs(x), self.alone * _BESIDE**n_steps)
+        curvature = self.effort.curvature(beside)
+        return np.maximum(curvature, _FLATNESS * curvature.max(initial=1.0))
+
+    def _on_path(self, cost: FloatArray, s: float, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Least E + s cost'x, sought from a point x on, and multipliers of the rows; None if not found."""
+        if self.effort.exponent == 2:
+            self.model.update(f=self.effort.slope + s * cost)
+            return self._solved()
+        for n_steps in range(_MOST_STEPS):
+            gradient, curvature = self.effort.gradient(x) + s * cost, self._curvature(x, n_steps)
+            self.model.update(H=np.diag(curvature), f=gradient - curvature * x)
+            solved = self._solved()
+            if solved is None:
+                return None
+            step, multipliers = solved[0] - x, solved[1]
+            promise, here = -float(gradient @ step), self.effort.value(x) + s * cost @ x
+            for length in 0.5 ** np.arange(_MOST_HALVINGS):
+                there = x + length * step
+                if self.effort.value(there) + s * cost @ there <= here - _KEPT_PROMISE * length * promise:
+                    x = there
+                    break
+            if promise <= _PROMISE * self.rise:
+                break
+        return x, multipliers
+
+    def _solved(self) -> tuple[FloatArray, FloatArray] | None:
+        x, _, flag, info = self.model.solve()
+        return (np.clip(x, self.lower, self.upper), info["lam"][x.size :]) if flag in _SOLVED else None
 
     def _extremes(self, first: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Points with the least value of each cost, multipliers of the rows there, and the last prices."""
@@ -291,16 +340,15 @@ class _Frame:
     def _extreme(
         self, cost: FloatArray, s: float, first: float, floor: float
     ) -> tuple[FloatArray, FloatArray, float]:
-        inside, s_inside, outside, s_outside = self.optimum, 0.0, None, np.inf
+        x = inside = self.optimum
+        s_inside, outside, s_outside = 0.0, None, np.inf
         multiplier, price, before = np.zeros(len(self.rows)), 0.0, np.inf
         for _ in range(_MOST_PROGRAMS):
-            self.model.update(f=self.slope + s * cost)
-            x, _, flag, info = self.model.solve()
-            if flag not in _SOLVED:
+            found = self._on_path(cost, s, x)
+            if found is None:
                 break
-            x = np.clip(x, self.lower, self.upper)
-            multiplier, price = info["lam"][x.size :], s
-            effort = self._effort(x)
+            (x, multiplier), price = found, s
+            effort = float(self.effort.value(x))
             if effort <= self.most:
                 inside, s_inside = x, s
             else:
@@ -339,8 +387,14 @@ class _Frame:
 
     def _share(self, x: FloatArray, step: FloatArray) -> float:
         """Say how much of a step out of the allowed effort is within it."""
-        a, b = 0.5 * float((self.curvature * step) @ step), float((self.curvature * x + self.slope) @ step)
-        c = self._effort(x) - self.most
+        if self.effort.exponent != 2:
+
+            def beyond(share: float) -> float:
+                return float(self.effort.value(x + share * step)) - self.most
+
+            return float(brentq(beyond, 0.0, 1.0)) if beyond(0.0) < 0 < beyond(1.0) else 0.0
+        a, b = float((self.effort.weight * step) @ step), float(self.effort.gradient(x) @ step)
+        c = float(self.effort.value(x)) - self.most
         root = np.sqrt(max(b * b - 4 * a * c, 0.0))
         return float(np.clip(-2 * c / (b + root), 0.0, 1.0)) if b + root > 0 else 0.0
 
@@ -350,24 +404,24 @@ class _Frame:
         y = multipliers * np.where(prices > 0, weight, 1.0)[:, None]
         y = np.where(np.isfinite(np.where(y > 0, self.high, self.low)), y, 0.0)
         held = (y * np.where(y == 0, 0.0, np.where(y > 0, self.high, self.low))).sum(axis=1)
-        linear = self.costs + weight[:, None] * self.slope + y @ self.rows
-        bend = weight[:, None] * self.curvature
-        lower, upper = self.reachable
-        with np.errstate(divide="ignore", invalid="ignore"):
-            best = np.where(bend > 0, -linear / bend, np.where(linear > 0, lower, upper))
-        best = np.clip(best, lower, upper)
-        least = (0.5 * bend * best**2 + linear * best).sum(axis=1)
-        return np.asarray(least + (self.constant - self.most) * weight - held)
+        least = self.effort.least(weight, self.costs + y @ self.rows, *self.reachable)
+        return np.asarray(least - self.most * weight - held)
+
+    def _alone(self) -> FloatArray:
+        """Size at which each unknown alone costs all there may be, where others cost no less than nothing."""
+        effort = self.effort
+        with np.errstate(divide="ignore"):
+            return np.where(
+                self.is_power, (self.most / effort.weight) ** (1 / effort.exponent), self.most / effort.slope
+            )
 
     def _reachable(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of the unknowns, and what each alone may cost where none costs less than nothing."""
         lower, upper = self.lower.copy(), self.upper.copy()
-        is_linear = self.curvature == 0
-        never_less = np.where(is_linear, (self.slope == 0) | (self.slope > 0) & (lower >= 0), self.slope == 0)
-        if never_less.all() and self.constant >= 0:
-            with np.errstate(divide="ignore"):
-                alone = np.where(is_linear, self.most / self.slope, np.sqrt(2 * self.most / self.curvature))
-            costs = ~is_linear | (self.slope > 0)
-            upper[costs] = np.minimum(upper, alone)[costs]
-            lower[~is_linear] = np.maximum(lower, -alone)[~is_linear]
+        slope, is_power = self.effort.slope, self.is_power
+        never_less = np.where(is_power, slope == 0, (slope == 0) | (slope > 0) & (lower >= 0))
+        if never_less.all() and self.effort.constant >= 0:
+            costs = is_power | (slope > 0)
+            upper[costs] = np.minimum(upper, self.alone)[costs]
+            lower[is_power] = np.maximum(lower, -self.alone)[is_power]
         return lower, upper

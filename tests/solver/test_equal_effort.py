@@ -54,6 +54,18 @@ def test_an_effort_below_the_least_or_beyond_the_strongest_is_refused():
         scso.at_effort(plain(), 50.0, lambda s: scso.ActivationFloor(floor=s))
 
 
+def test_a_ratio_that_is_rather_missed_at_its_price_is_told():
+    """At 0.01 per N·m the ratio is missed beyond 0.2, from 0.6 on antagonists do not work for it at all."""
+
+    def soft(ratio):
+        return scso.AntagonistRatio(ratio=ratio, soft=0.01)
+
+    with pytest.raises(scso.ProblemError, match=r"takes 0\.04 at its strongest, 0\.95, where it is missed"):
+        scso.at_effort(plain(), EFFORT, soft, strongest=0.95)
+    found = scso.at_effort(plain(), 0.05, soft, strongest=0.5)
+    assert found.strength == pytest.approx(0.1, abs=2e-3)  # (2/90)/(20/90)
+
+
 def test_effort_needs_a_measure():
     problem = dataclasses.replace(elbow([10.0]), objectives=(scso.ShiftedEffort(),))
     with pytest.raises(scso.ProblemError, match="has 0 ActivationEffort"):

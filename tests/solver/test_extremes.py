@@ -9,31 +9,44 @@ import helpers
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conic_oracle import hessian_problem
 from helpers import elbow, frame_arrays, random_problem
 
 import scso_nlp as scso
 from scso_nlp.exceptions import ProblemError
 
 
-def least_by_clarabel(problem, k, cost, most):
-    """Least cost'x with A x = b, G x >= h, bounds and sum w x² <= most, by a conic solver."""
+def least_by_clarabel(problem, k, cost, most, exponent=2.0):
+    """Least cost'x with A x = b, G x >= h, bounds and sum w |x|^p <= most, by a conic solver.
+
+    For p other than 2 every power has a bound t of its own: (t, 1, x) in the power cone of 1/p.
+    """
     weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
     n = a.shape[1]
     below, above = np.isfinite(lower), np.isfinite(upper)
     sides = np.vstack([-g, -np.eye(n)[below], np.eye(n)[above]])
     limits = np.concatenate([-h, -lower[below], upper[above]])
-    cone = np.vstack([np.zeros(n), -np.diag(np.sqrt(weights))])
-    matrix = sp.csc_matrix(np.vstack([a, sides, cone]))
-    right = np.concatenate([b, limits, [np.sqrt(most)], np.zeros(n)])
-    cones = [
-        clarabel.ZeroConeT(len(b)),
-        clarabel.NonnegativeConeT(len(limits)),
-        clarabel.SecondOrderConeT(n + 1),
-    ]
+    cones = [clarabel.ZeroConeT(len(b)), clarabel.NonnegativeConeT(len(limits))]
+    if exponent == 2:
+        cone = np.vstack([np.zeros(n), -np.diag(np.sqrt(weights))])
+        matrix, ends = np.vstack([a, sides, cone]), [np.sqrt(most), *np.zeros(n)]
+        cones.append(clarabel.SecondOrderConeT(n + 1))
+    else:
+        unit = most ** (1 / exponent)  # powers of x / unit add up to one
+        powers = np.zeros((3 * n, 2 * n))
+        powers[0::3, n:], powers[2::3, :n] = -np.eye(n), -np.eye(n) / unit
+        plain = np.vstack([a, sides])
+        budget = np.concatenate([np.zeros(n), weights])
+        matrix = np.vstack([np.hstack([plain, np.zeros((len(plain), n))]), budget, powers])
+        ends = [1.0, *np.tile([0.0, 1.0, 0.0], n)]
+        cones += [clarabel.NonnegativeConeT(1), *[clarabel.PowerConeT(1 / exponent)] * n]
+        cost = np.concatenate([cost, np.zeros(n)])
+    matrix, right = sp.csc_matrix(matrix), np.concatenate([b, limits, ends])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
-    found = clarabel.DefaultSolver(sp.csc_matrix((n, n)), cost, matrix, right, cones, settings).solve()
+    nothing = sp.csc_matrix((cost.size, cost.size))
+    found = clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
     assert "Solved" in str(found.status)
     return found.obj_val
 
@@ -66,6 +79,27 @@ def test_extremes_are_those_of_a_conic_solver_and_certified(effort, reserve, sta
                 -least_by_clarabel(problem, k, -row, most) - low for row, low in zip(g, h, strict=True)
             ]
             np.testing.assert_allclose(found.greatest_stability[k], level + most_row, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("exponent", "reserve", "effort"),
+    [(1.3, None, 0.05), (1.5, None, 1.0), (3.0, 5.0, 0.05), (10.0, 5.0, 0.3)],
+)
+def test_extremes_at_other_exponents_are_those_of_power_cones(exponent, reserve, effort):
+    rng = np.random.default_rng([17, int(10 * exponent)])
+    problem = random_problem(rng, n_frames=1, n_muscles=7, reserve=reserve, exponent=exponent)
+    solution = scso.solve_trajectory(problem)
+    found = scso.ranges(solution, effort=effort)
+    assert found.gap < 1e-6
+    weights, a, *_ = frame_arrays(problem, 0)
+    x = np.concatenate([solution.activation[0], solution.control[0]])
+    most = (1 + effort) * float(weights @ np.abs(x) ** exponent)
+    for m in range(7):
+        cost = np.eye(a.shape[1])[m]
+        low, high = (sign * least_by_clarabel(problem, 0, sign * cost, most, exponent) for sign in (1, -1))
+        np.testing.assert_allclose([found.least[0, m], found.greatest[0, m]], [low, high], atol=1e-5)
+        assert found.certified_least[0, m] <= low + 1e-5
+        assert found.certified_greatest[0, m] >= high - 1e-5
 
 
 def test_no_pattern_that_keeps_everything_leaves_the_ranges(rng):
@@ -133,9 +167,16 @@ def test_what_has_no_ranges_is_refused(rng):
     solution = scso.solve_trajectory(problem)
     with pytest.raises(ProblemError, match="effort is 0, expected a positive share"):
         scso.ranges(solution, effort=0.0)
-    cubed = dataclasses.replace(problem, objectives=(scso.ActivationEffort(exponent=3.0),))
-    with pytest.raises(ProblemError, match="sum of squares"):
-        scso.ranges(scso.solve_trajectory(cubed))
+    for costs in (
+        (scso.ActivationEffort(exponent=3.0), scso.ActivationEffort(exponent=4.0, label="steep")),
+        (lambda frame: (frame.activation[0] - 0.1) ** 4,),
+    ):
+        other = dataclasses.replace(problem, objectives=costs)
+        with pytest.raises(ProblemError, match="sum of squares, or of one power"):
+            scso.ranges(dataclasses.replace(solution, problem=other))
+    whole = hessian_problem(rng, stability=scso.HessianStability(level=-1e6))
+    with pytest.raises(ProblemError, match="HessianStability keeps a whole matrix: take CoordinateStability"):
+        scso.ranges(scso.solve_trajectory(whole))
     coupled = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
     with pytest.raises(ProblemError, match="frames that are apart"):
         scso.ranges(dataclasses.replace(solution, problem=coupled))
