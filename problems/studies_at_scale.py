@@ -2,8 +2,9 @@
 
 ``python -m problems.studies_at_scale forty`` runs forty trials of less than a second in this process,
 one after the other, in two processes, and on clusters of two workers and one; ``... long`` the same with
-twelve trials that take some seven seconds each; ``... thousand`` runs as many tiny problems and samples
-memory meanwhile. All print what they measured. Data are looked for where ``SCSO_SHARED_DATA`` says.
+twelve trials that take some five seconds each. ``... thousand`` runs as many tiny problems, ``... hundreds``
+twenty real ones by twenty exponents, or by so many that there are as many runs as asked, and sample memory
+meanwhile. All print what they measured. Data are looked for where ``SCSO_SHARED_DATA`` says.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -35,25 +36,30 @@ CUT = {
     "arm26/arm26_millard_Setup_StaticOptimization.xml": (0.0, 1.0, 5),
     "walking3d/setup_static_optimization.xml": (0.48, 1.61, 5),
 }
+#: Columns of a study file.
+WINDOW = ("subject", "trial", "setup", "initial_time", "final_time")
+
+
+def _windows() -> Iterator[tuple[str, str, str, str, str]]:
+    for setup, (start, end, n) in CUT.items():
+        times = np.linspace(start, end, n + 1)
+        for k in range(n):
+            place = (setup.split("/")[0], f"window{k}", str(DATA / setup))
+            yield (*place, f"{times[k]:.4f}", f"{times[k + 1]:.4f}")
 
 
 def forty(folder: Path) -> Path:
     """Write a study file: windows of three motions, each again with another exponent."""
-    rows = [("subject", "trial", "setup", "initial_time", "final_time", "exponent")]
-    for setup, (start, end, n) in CUT.items():
-        times = np.linspace(start, end, n + 1)
-        subject = setup.split("/")[0]
-        for exponent in (2, 3):
-            for k in range(n):
-                window = (f"{times[k]:.4f}", f"{times[k + 1]:.4f}")
-                rows.append((subject, f"window{k}_p{exponent}", str(DATA / setup), *window, str(exponent)))
+    rows = [(*WINDOW, "exponent")]
+    for exponent in ("2", "3"):
+        for subject, name, *window in _windows():
+            rows.append((subject, f"{name}_p{exponent}", *window, exponent))
     return _written(folder / "forty.csv", rows)
 
 
 def long(folder: Path) -> Path:
     """Write a study file: windows of walking; six are long for OpenSim, six (compliant tendons) for IPOPT."""
-    names = ("subject", "trial", "setup", "initial_time", "final_time", "exponent", "q")
-    rows = [(*names, "stability", "joints", "step_interval", "muscle_model")]
+    rows = [(*WINDOW, "exponent", "q", "stability", "joints", "step_interval", "muscle_model")]
     setup = str(DATA / "walking3d/setup_static_optimization.xml")
     times = np.linspace(0.48, 1.23, 4)
     for exponent in (2, 3):
@@ -65,15 +71,20 @@ def long(folder: Path) -> Path:
     return _written(folder / "long.csv", rows)
 
 
-#: What is run by one process and by clusters.
-STUDIES = {"forty": forty, "long": long}
+def hundreds(folder: Path, n: int) -> Plan:
+    """Plan the twenty windows of three motions, by so many exponents that there are `n` runs."""
+    return _by_exponents(folder, [WINDOW, *_windows()], n)
 
 
-def tiny(folder: Path, n: int) -> Plan:
+def thousand(folder: Path, n: int) -> Plan:
     """Plan the embedded elbow ten times, by so many exponents that there are `n` runs."""
     setup = str(example_folder("elbow") / "setup.xml")
-    rows = [("subject", "trial", "setup"), *(("S", f"trial{k}", setup) for k in range(10))]
-    return plan(_written(folder / "tiny.csv", rows), grid={"exponent": np.linspace(2, 4, n // 10).tolist()})
+    return _by_exponents(folder, [WINDOW[:3], *(("S", f"trial{k}", setup) for k in range(10))], n)
+
+
+def _by_exponents(folder: Path, rows: list[tuple[str, ...]], n: int) -> Plan:
+    exponents = np.linspace(2, 4, n // (len(rows) - 1)).tolist()
+    return plan(_written(folder / "many.csv", rows), grid={"exponent": exponents})
 
 
 def _written(path: Path, rows: list[tuple[str, ...]]) -> Path:
@@ -128,15 +139,15 @@ def _by_two(tasks: list[Task]) -> None:
         list(pool.map(solve_trial, tasks))
 
 
-def memory(folder: Path, n: int) -> None:
-    """Print the memory of this process and of the workers, over a study of many tiny runs."""
-    found = tiny(folder, n)
+def memory(folder: Path, found: Plan) -> None:
+    """Print the memory of this process and of the workers, over a study of many runs."""
+    n = len(found.trials)
     over = threading.Event()
     samples: list[tuple[int, list[int]]] = []
 
     def watch() -> None:
         me = psutil.Process()
-        log = folder / "tiny" / "study.log"
+        log = folder / "many" / "study.log"
         while not over.wait(2.0):
             ended = log.read_bytes().count(b"\n") if log.exists() else 0
             workers = [p for p in me.children() if "spawn_main" in " ".join(p.cmdline())]
@@ -146,7 +157,7 @@ def memory(folder: Path, n: int) -> None:
     watcher = threading.Thread(target=watch)
     watcher.start()
     try:
-        taken = cost(lambda: run(found, output=folder / "tiny", workers=2, progress=False))
+        taken = cost(lambda: run(found, output=folder / "many", workers=2, progress=False))
     finally:
         over.set()
         watcher.join()
@@ -157,8 +168,11 @@ def memory(folder: Path, n: int) -> None:
 
 
 if __name__ == "__main__":
+    name, *numbers = sys.argv[1:]
     with tempfile.TemporaryDirectory() as temporary:
-        if sys.argv[1] in STUDIES:
-            throughput(Path(temporary), STUDIES[sys.argv[1]](Path(temporary)))
+        folder = Path(temporary)
+        if name in ("forty", "long"):
+            throughput(folder, {"forty": forty, "long": long}[name](folder))
         else:
-            memory(Path(temporary), int(sys.argv[2]) if len(sys.argv) > 2 else 1000)
+            planned, usual = {"hundreds": (hundreds, 400), "thousand": (thousand, 1000)}[name]
+            memory(folder, planned(folder, int(numbers[0]) if numbers else usual))
