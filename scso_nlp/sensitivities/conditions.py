@@ -150,8 +150,8 @@ class Conditions:
         self._arrive()
         missed = self.usable & ~self.is_regular
         alone = not (self.is_coupled or self.curved or self.models)
-        if missed.any() and alone and self.program.degree is not None:
-            self._follow_multipliers(missed)
+        is_power = alone and self.program.degree is not None
+        if missed.any() and is_power and self._follow_multipliers(missed):
             self._arrive()
         if self.is_coupled and not self.is_regular.all():
             self.is_regular = np.zeros(self.n, dtype=bool)
@@ -181,13 +181,13 @@ class Conditions:
         self.is_kink = self.usable & ~self.is_singular & ~self._is_strict()
         self.is_regular = self.usable & ~self.is_singular & ~self.is_kink
 
-    def _follow_multipliers(self, missed: BoolArray) -> None:
-        """Let unknowns follow the multipliers of rows, from bounds and onto them, until nothing moves.
+    def _follow_multipliers(self, missed: BoolArray) -> bool:
+        """Let unknowns follow the multipliers of rows, from bounds and onto them; say if that led elsewhere.
 
         High powers leave small unknowns, and powers below 2 those at zero, far from their optimum as shares
         of themselves, where Newton's method by the unknowns is slow, or is stopped by the wrong bounds.
         """
-        missed = missed.copy()
+        missed, bounds, found, is_elsewhere = missed.copy(), self.at_bound, self.linear, False
         for _ in range(_MOST_TURNS):
             before = self.point.x
             self.linear = self._linear(self._hessian(), missed)
@@ -196,8 +196,12 @@ class Conditions:
             self._look(choose=False)
             far = np.abs(self.point.x - before).max(axis=1, initial=0.0)
             missed &= far > _ARRIVED * np.abs(self.point.x).max(axis=1, initial=0.0)
+            is_elsewhere |= bool(missed.any()) or not np.array_equal(bounds, self.at_bound)
             if not missed.any():
-                return
+                break
+        if not is_elsewhere:
+            self.linear = found
+        return is_elsewhere
 
     def _place_by_multipliers(self, missed: BoolArray, x: FloatArray) -> None:
         """Put unknowns where their cost, if it is a power, rises as their rows push, or onto their bounds."""
