@@ -39,7 +39,10 @@ _PREDICTIONS = {
 }
 _OWN = "axes, q = 5"
 #: What `at_effort` says of a term that is too weak, and what that means where no strength is left to raise.
-_TOO_WEAK = re.compile(r"effort is (\S+), but the term takes (\S+) at its strongest, (\S+): raise that")
+_TOO_WEAK = re.compile(
+    r"effort is (\S+), but the term takes (\S+) at its strongest, ([^\s,:]+)"
+    r"(?:: raise|, where it is missed at its price \(soft\): raise the price or lower) that"
+)
 _NOT_REACHED = r"short of the effort: \2 of \1 in one motion, at its greatest strength, \3"
 
 

@@ -167,14 +167,21 @@ def test_contact_forces_stand_trial_by_trial():
     assert not any("antagonist ratio" in line for line in table)
 
 
-def test_a_term_that_is_too_weak_is_no_advice_to_who_reads_a_table():
+@pytest.mark.parametrize(
+    ("alternative", "strongest"),
+    [
+        (lambda s: scso.ActivationFloor(floor=s), 0.01),
+        (lambda s: scso.AntagonistRatio(ratio=s, soft=0.01), 0.95),  # is rather missed
+    ],
+)
+def test_a_term_that_is_too_weak_is_no_advice_to_who_reads_a_table(alternative, strongest):
     """With what the solver really says."""
     problem = replace(two_antagonists(20.0, strength=2000.0), constraints=(scso.MomentEquilibrium(),))
     with pytest.raises(scso.ProblemError) as told:
-        scso.at_effort(problem, 0.1, lambda s: scso.ActivationFloor(floor=s), strongest=0.01)
+        scso.at_effort(problem, 0.1, alternative, strongest=strongest)
     rows = [row(SO), row("activation floor", reference=BESIDE, solved=0.0, errors={}, note=str(told.value))]
     *_, (_, verdict, note) = judged("lift_5kg", made_up(rows))
     assert verdict == "not solved"
     assert re.fullmatch(
-        r"short of the effort: 0\.04\d* of 0\.1 in one motion, at its greatest strength, 0\.01", note
+        rf"short of the effort: 0\.04\d* of 0\.1 in one motion, at its greatest strength, {strongest}", note
     )
