@@ -2,7 +2,16 @@
 
 import gc
 
+import pytest
+
 from scso_nlp.studies import work
+
+
+@pytest.fixture(autouse=True)
+def thawed():
+    """Other tests need not keep what was there."""
+    yield
+    gc.unfreeze()
 
 
 def test_searches_for_cycles_leave_out_what_was_there_before_the_first_trial_and_nothing_later():
