@@ -38,8 +38,9 @@ Quantity = Literal[
     "exponent",
 ]
 
-#: Quantities that are constants in expressions: they are symbols where a sensitivity to them is asked for.
-_CONSTANTS = ("q", "exponent", *DIFFERENTIABLE)
+#: Quantities that expressions have as constants, zero moment arms among them: they are symbols where a
+#: sensitivity to them is asked for.
+_CONSTANTS = ("q", "exponent", "moment_arms", *DIFFERENTIABLE)
 #: Moment arms enter data of terms as polynomials of at most the second degree: any step is exact [m].
 _STEP = 0.1
 

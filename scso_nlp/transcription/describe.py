@@ -141,7 +141,8 @@ class FrameProgram:
 def describe(problem: MuscleForceProblem, differentiated: Set[str] = frozenset()) -> FrameProgram:
     """Ask every term for its expressions on the symbols of one frame or of two.
 
-    Constants with the names in `differentiated` are symbols too; their numbers are among the arrays.
+    Constants with the names in `differentiated` are symbols too; their numbers are among the arrays. With
+    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others.
     """
     return _Description(problem, differentiated).program()
 
@@ -152,9 +153,9 @@ class _Description:
     def __init__(self, problem: MuscleForceProblem, differentiated: Set[str]) -> None:
         self.problem, self.constants = problem, Constants(differentiated)
         self.layout, self.arrays = make_layout(problem), collect_data(problem)
-        self.now, self.later = (
-            make_symbols(self.layout, self.arrays, self.constants, suffix) for suffix in ("", "_next")
-        )
+        self.now = self.later = make_symbols(self.layout, self.arrays, self.constants)
+        if problem.coupled_terms:
+            self.later = make_symbols(self.layout, self.arrays, self.constants, "_next")
         self.unknowns = (self.now.unknowns, self.later.unknowns)
         self.dt = ca.SX.sym("dt")
         if problem.coupled_terms:

@@ -214,6 +214,8 @@ class FrameSymbols:
         The solver's unknowns: each is the physical one divided by its scale.
     data : mapping of (owner, name) to ca.SX
         Symbols of the given quantities.
+    seen : mapping of (owner, name) to ca.SX
+        What terms see of them: zero where a matrix is zero in all frames. A muscle crosses few coordinates.
     constants : Constants
         The same for all frames.
     """
@@ -221,6 +223,7 @@ class FrameSymbols:
     layout: Layout
     unknowns: ca.SX
     data: Mapping[tuple[str, str], ca.SX]
+    seen: Mapping[tuple[str, str], ca.SX]
     constants: Constants = field(default_factory=Constants)
 
     def frame(self, problem: MuscleForceProblem) -> Frame:
@@ -247,13 +250,13 @@ class FrameSymbols:
 
     def _bare(self) -> Frame:
         by_name = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == PROBLEM}
-        given = {name: symbol for (owner, name), symbol in self.data.items() if owner == PROBLEM}
+        given = {name: symbol for (owner, name), symbol in self.seen.items() if owner == PROBLEM}
         nothing = MuscleState(tendon_force=ca.SX(0, 1), passive_force=ca.SX(0, 1))
         return Frame(**by_name, **given, muscle=nothing)
 
     def _for(self, owner: str, frame: Frame) -> Frame:
         variables = {b.spec.name: self._physical(b) for b in self.layout.blocks if b.owner == owner}
-        data = {name: symbol for (own, name), symbol in self.data.items() if own == owner}
+        data = {name: symbol for (own, name), symbol in self.seen.items() if own == owner}
         return replace(frame, variables=variables, data=data, constant=self.constants.of(owner))
 
 
@@ -262,8 +265,13 @@ def make_symbols(
 ) -> FrameSymbols:
     """Create the symbols of one frame for the given data arrays (frames first)."""
     data = {key: ca.SX.sym(f"{key[1]}{suffix}", *_shape(array)) for key, array in arrays.items()}
+    seen = dict(data)
+    if "moment_arms" not in constants.differentiated:
+        for key, array in arrays.items():
+            if array.ndim == 3:
+                seen[key] = ca.densify(data[key] * ca.DM((array != 0).any(axis=0).astype(float)))
     unknowns = ca.SX.sym(f"x{suffix}", layout.size)
-    return FrameSymbols(layout=layout, unknowns=unknowns, data=data, constants=constants)
+    return FrameSymbols(layout=layout, unknowns=unknowns, data=data, seen=seen, constants=constants)
 
 
 @contextlib.contextmanager

@@ -18,8 +18,8 @@ Key = tuple[str, str]
 #: Frames evaluated together; more would leave the processor's cache.
 _FRAMES_AT_ONCE = 128
 
-#: Functions of more instructions are called frame by frame: to make one of many frames takes longer.
-_MANY_INSTRUCTIONS = 1000
+#: Functions of more instructions or inputs are called frame by frame: to make one of many frames takes longer.
+_MANY = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +143,7 @@ def evaluate(
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
     inputs += [column_major(arrays[key][offset : offset + n]) for offset, key in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
-    one_by_one = function.n_instructions() > _MANY_INSTRUCTIONS
+    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
     for part in frame_blocks(n):
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         wanted = [array[part] for array in outputs]
