@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Changes
 from scso_nlp.sensitivities.turned import Turned
-from scso_nlp.transcription.by_data import MULTIPLIERS, Slopes, by_data, gradient, weighted
-from scso_nlp.transcription.piece import Key, Piece
+from scso_nlp.transcription.by_data import Slopes, mixed_by_data
+from scso_nlp.transcription.piece import Piece, evaluate
 from scso_nlp.validation import FloatArray, IntArray
 
 
@@ -78,9 +78,7 @@ class _RightSides:
                     continue
                 piece = replace(block.piece, expression=block.piece.expression / block.scale)
                 places = self.conditions.places(is_pair, np.arange(where.start, where.stop))
-                self._add(self.values, piece, places)
-                multipliers = {MULTIPLIERS: self.point.row[places]}
-                self._add(self.lagrangian, gradient(weighted(piece)), self._unknowns(piece), multipliers)
+                self._add(self.values, piece, places, self.point.row[places])
         lower = np.zeros_like(self.values)
         lower[self.conditions.places(0, np.arange(len(self.program.rows)))] = self.changes.lower
         is_at_lower = (self.conditions.at_row == -1) | (self.conditions.at_row == 2)
@@ -107,21 +105,26 @@ class _RightSides:
         frames = np.arange(self.n - piece.is_pair)
         if self._is_changed(piece):
             self._add(self.objective, piece, frames[:, None])
-            self._add(self.lagrangian, gradient(piece), self._unknowns(piece))
         if factor.any():
             arrays = self.program.arrays
             self.objective[frames] += piece.values(self.point.x, arrays) * factor
-            slope = gradient(piece).values(self.point.x, arrays)
+            slope = evaluate(piece, piece.slope(), self.point.x, arrays)[0]
             np.add.at(self.lagrangian, self._unknowns(piece).ravel(), slope.reshape(-1, 1) * factor)
 
     def _add(
-        self, target: FloatArray, piece: Piece, places: IntArray, more: Mapping[Key, FloatArray] | None = None
+        self, target: FloatArray, piece: Piece, places: IntArray, multipliers: FloatArray | None = None
     ) -> None:
-        """Add what the parameters change of a piece at places (n, n_rows) of a target."""
-        slopes = by_data(piece, self.changes.used, self.point.x, {**self.program.arrays, **(more or {})})
-        if slopes:
-            found = product(slopes, self.changes, places)
-            target[: len(found)] += found
+        """Add what the parameters change of a piece at places (n, n_rows) of a target, and of its gradient."""
+        of_rows, of_gradient = mixed_by_data(
+            piece, self.changes.used, self.point.x, self.program.arrays, multipliers
+        )
+        for goal, slopes, where in (
+            (target, of_rows, places),
+            (self.lagrangian, of_gradient, self._unknowns(piece)),
+        ):
+            if slopes:
+                change = product(slopes, self.changes, where)
+                goal[: len(change)] += change
 
     def _matrix(self, turned: Turned) -> tuple[FloatArray, FloatArray]:
         """Change of a matrix less its levels, and of its rows; that of the Lagrangian is added."""
@@ -131,7 +134,10 @@ class _RightSides:
         n_weights, matrices = weights.shape[1], arrays[block.matrices]
         keys = self.changes.used
         places = np.arange(self.n * n_weights).reshape(self.n, n_weights)
-        of_weights = product(by_data(block.piece, keys, self.point.x, arrays), self.changes, places)
+        of_rows, of_gradient = mixed_by_data(
+            block.piece, keys, self.point.x, arrays, turned.by_weights(arrays)
+        )
+        of_weights = product(of_rows, self.changes, places)
         entries = matrices @ of_weights.reshape(self.n, n_weights, -1)
         counted = turned.weights
         if block.matrices in keys:
@@ -145,9 +151,7 @@ class _RightSides:
             entries += self.changes.arrays[block.constant].toarray().reshape(*entries.shape)
         row, column = block.triangle
         entries -= np.where((row == column)[:, None], self.changes.levels[block.term][row], 0.0)
-        multipliers = {MULTIPLIERS: turned.by_weights(arrays)}
-        slopes = by_data(gradient(weighted(block.piece)), keys, self.point.x, {**arrays, **multipliers})
-        self.lagrangian -= product(slopes, self.changes, self._unknowns(block.piece))
+        self.lagrangian -= product(of_gradient, self.changes, self._unknowns(block.piece))
         bend = turned.bend @ turned.slopes
         self.lagrangian += (bend.transpose(0, 2, 1) @ (turned.bend @ entries)).reshape(
             len(self.lagrangian), -1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -41,16 +41,69 @@ def weighted(piece: Piece) -> Piece:
     )
 
 
-def gradient(piece: Piece) -> Piece:
-    """Gradient of a scalar piece by all its unknowns."""
-    return replace(piece, expression=ca.densify(ca.gradient(piece.expression, piece.all_unknowns)))
-
-
 def by_data(
     piece: Piece, used: Mapping[Key, IntArray], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
 ) -> list[Slopes]:
     """Differentiate a piece by entries of arrays, those of a frame in their order, at (n_frames, size)."""
-    found, columns = [], []
+    return _evaluated(piece, [_first(piece, used)], unknowns, arrays)[0]
+
+
+def mixed_by_data(
+    piece: Piece,
+    used: Mapping[Key, IntArray],
+    unknowns: FloatArray,
+    arrays: Mapping[Key, FloatArray],
+    multipliers: FloatArray | None = None,
+) -> tuple[list[Slopes], list[Slopes]]:
+    """Differentiate a piece by entries of arrays, and then the sum of its rows by its unknowns.
+
+    In this order expressions stay small: few of them have the entries that are asked for.
+
+    Parameters
+    ----------
+    piece : Piece
+    used : mapping of (owner, name) to ndarray of int
+        Entries of a frame, in their order.
+    unknowns : ndarray, shape (n_frames, size)
+    arrays : mapping of (owner, name) to ndarray
+    multipliers : ndarray, shape (n, n_rows), optional
+        By what rows count in the sum; one by default.
+
+    Returns
+    -------
+    of_rows, of_gradient : list of Slopes
+        Of the rows, and of the gradient of their sum by all unknowns.
+    """
+    rows, first = piece.expression.numel(), _first(piece, used)
+    weight = ca.SX.ones(rows)
+    if multipliers is not None:
+        weight = ca.SX.sym("multiplier", rows)
+        piece = replace(
+            piece, data=(*piece.data, (0, MULTIPLIERS)), symbols=(*piece.symbols, weight)
+        )
+        arrays = {**arrays, MULTIPLIERS: multipliers}
+    second = []
+    for part in first:
+        of_sum = ca.jacobian(part.entries.T @ weight, piece.all_unknowns)
+        place, row = (np.array(v, dtype=np.int64) for v in of_sum.sparsity().get_triplet())
+        second.append(replace(part, entries=of_sum, row=row, entry=used[part.key][place]))
+    of_rows, of_gradient = _evaluated(piece, [first, second], unknowns, arrays)
+    return of_rows, of_gradient
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """Derivatives by one array in symbols, see :class:`Slopes`."""
+
+    key: Key
+    offset: int
+    row: IntArray
+    entry: IntArray
+    entries: ca.SX
+
+
+def _first(piece: Piece, used: Mapping[Key, IntArray]) -> list[_Part]:
+    found = []
     for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
         if key not in used:
             continue
@@ -59,15 +112,20 @@ def by_data(
         is_wide = piece.expression.numel() < chosen.numel()
         jacobian = (jacobian_by_rows if is_wide else ca.jacobian)(piece.expression, chosen)
         row, place = (np.array(v, dtype=np.int64) for v in jacobian.sparsity().get_triplet())
-        if row.size:
-            found.append((key, offset, row, used[key][place]))
-            columns.append(jacobian.nz[:])
-    if not found:
-        return []
-    values = evaluate(piece, piece.function(*columns), unknowns, arrays)
+        found.append(_Part(key=key, offset=offset, row=row, entry=used[key][place], entries=jacobian))
+    return found
+
+
+def _evaluated(
+    piece: Piece, lists: Sequence[Sequence[_Part]], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
+) -> list[list[Slopes]]:
+    """Evaluate several lists of derivatives together; those without entries are left out."""
+    lists = [[part for part in parts if part.row.size] for parts in lists]
+    columns = [part.entries.nz[:] for parts in lists for part in parts]
+    values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays) if columns else ())
     return [
-        Slopes(key=key, offset=offset, row=row, entry=entry, values=each)
-        for (key, offset, row, entry), each in zip(found, values, strict=True)
+        [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]
+        for parts in lists
     ]
 
 
