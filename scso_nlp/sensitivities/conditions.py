@@ -407,17 +407,14 @@ class Conditions:
         rows = every[alive[frame_of[every]]]
         slope = sp.vstack(slopes, format="csr")
         active = slope[rows][:, free]
-        matrix = sp.bmat([[hessian, active.T], [active, None]], format="csr") if rows.size else hessian
         curvature = sparse(kept[: len(self.costs)], shape).diagonal()[free]
-        scale, scaled, factors = factorised(matrix, curvature)
+        row_frame = frame_of[rows]
         return Linear(
             free=free,
             rows=rows,
-            frame=np.concatenate([frame[free], frame_of[rows]]),
+            frame=np.concatenate([frame[free], row_frame]),
             left=np.concatenate([self.lagrangian[free], np.concatenate(left)[rows]]),
-            scale=scale,
-            matrix=scaled,
-            factors=factors,
+            factors=factorised(hessian, active, curvature, None if self.is_coupled else row_frame),
             slope=slope,
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,10 +34,7 @@ class Linear:
         Frame of every equation.
     left : ndarray
         What the conditions are missed by.
-    scale : ndarray
-        Of equations and of their unknowns.
-    matrix, factors
-        The scaled equations, and their factorisation.
+    factors : Factors
     slope : sparse matrix, shape (n_all_rows, n_all_unknowns)
         Derivatives of all rows, those of matrices behind the others.
     """
@@ -45,53 +43,116 @@ class Linear:
     rows: IntArray
     frame: IntArray
     left: FloatArray
-    scale: FloatArray
-    matrix: sp.csc_matrix
-    factors: object
+    factors: Factors
     slope: sp.csr_matrix = field(repr=False)
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve with right sides (n_equations, …), refined once."""
-        scale = self.scale.reshape(-1, *[1] * (right.ndim - 1))
+        factors = self.factors
+        scale = factors.scale.reshape(-1, *[1] * (right.ndim - 1))
         right = scale * right
-        found = self.factors.solve(right)  # type: ignore[attr-defined]
-        found += self.factors.solve(right - self.matrix @ found)  # type: ignore[attr-defined]
+        found = factors.solve(right)
+        found += factors.solve(right - factors.times(found))
         return np.asarray(scale * found)
 
     def answer_to_noise(self, n_frames: int) -> FloatArray:
         """Give the largest answer of each frame to random right sides near one, in scaled equations."""
         rng = np.random.default_rng(0)
         noise = rng.choice([-1.0, 1.0], (self.frame.size, 2))
-        found = np.abs(self.factors.solve(noise)).max(axis=1, initial=0.0)  # type: ignore[attr-defined]
+        found = np.abs(self.factors.solve(noise)).max(axis=1, initial=0.0)
         largest = np.zeros(n_frames)
         np.maximum.at(largest, self.frame, np.nan_to_num(found, nan=np.inf))
         return largest
 
 
-def factorised(matrix: sp.csr_matrix, curvature: FloatArray) -> tuple[FloatArray, sp.csc_matrix, object]:
-    """Scale and factorise symmetric equations, the first of which are those of the unknowns.
+class Factors(Protocol):
+    """Equations of unknowns and rows, scaled from both sides by `scale` (n_equations,), and factorised."""
+
+    scale: FloatArray
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solve the scaled equations."""
+
+    def times(self, found: FloatArray) -> FloatArray:
+        """Multiply by the scaled equations."""
+
+
+def factorised(
+    hessian: sp.csr_matrix, slopes: sp.csr_matrix, curvature: FloatArray, frame: IntArray | None
+) -> Factors:
+    """Scale and factorise the equations with a Hessian and the slopes of rows.
 
     Parameters
     ----------
-    matrix : sparse matrix
+    hessian : sparse matrix, shape (n_free, n_free)
+    slopes : sparse matrix, shape (n_rows, n_free)
     curvature : ndarray, shape (n_free,)
         Of costs, by each unknown.
-
-    Returns
-    -------
-    scale : ndarray, shape (n_equations,)
-    matrix : sparse matrix
-        Scaled from both sides.
-    factors : object with solve
-        Where the equations are exactly singular, of those next to them.
+    frame : ndarray of int, shape (n_rows,), or None
+        Of every row, in order, where frames stand apart from each other.
     """
-    scale = _equilibrated(matrix, curvature)
-    scaled = (sp.diags(scale) @ matrix @ sp.diags(scale)).tocsc()
-    try:
-        return scale, scaled, splu(scaled)
-    except RuntimeError:  # exactly singular
-        ridge = np.where(np.arange(scale.size) < curvature.size, _RIDGE, -_RIDGE)
-        return scale, scaled, splu((scaled + sp.diags(ridge)).tocsc())
+    diagonal = hessian.diagonal()
+    if frame is not None and hessian.count_nonzero() == diagonal.size and (diagonal > _TINY).all():
+        return _Apart(diagonal, slopes, frame)
+    return _Together(hessian, slopes, curvature)
+
+
+class _Together:
+    """Factors of the equations of all frames as one sparse matrix; next to them where it is singular."""
+
+    def __init__(self, hessian: sp.csr_matrix, slopes: sp.csr_matrix, curvature: FloatArray) -> None:
+        both = [[hessian, slopes.T], [slopes, None]]
+        matrix = sp.bmat(both, format="csr") if slopes.shape[0] else hessian
+        self.scale = _equilibrated(matrix, curvature)
+        self.matrix = (sp.diags(self.scale) @ matrix @ sp.diags(self.scale)).tocsc()
+        try:
+            self.factors = splu(self.matrix)
+        except RuntimeError:  # exactly singular
+            ridge = np.where(np.arange(self.scale.size) < curvature.size, _RIDGE, -_RIDGE)
+            self.factors = splu((self.matrix + sp.diags(ridge)).tocsc())
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        return np.asarray(self.factors.solve(right))
+
+    def times(self, found: FloatArray) -> FloatArray:
+        return np.asarray(self.matrix @ found)
+
+
+class _Apart:
+    """Factors of frames apart from each other whose Hessian is diagonal: of a small matrix of each one's rows.
+
+    With curvatures scaled to one and rows to a length of one, unknowns are x = y - B'm, and multipliers m solve
+    B B' m = B y - z.
+    """
+
+    def __init__(self, curvature: FloatArray, slopes: sp.csr_matrix, frame: IntArray) -> None:
+        by_column = 1 / np.sqrt(curvature)
+        rows = slopes @ sp.diags(by_column)
+        length = np.sqrt(rows.multiply(rows).sum(axis=1).A1)
+        by_row = 1 / np.where(length > 0, length, 1.0)
+        self.scale = np.concatenate([by_column, by_row])
+        self.rows = (sp.diags(by_row) @ rows).tocsr()
+        self.columns = self.rows.T.tocsr()
+        _, first, which, n_rows = np.unique(frame, return_index=True, return_inverse=True, return_counts=True)
+        self.place = (which, np.arange(frame.size) - first[which])
+        self.shape = (first.size, n_rows.max(initial=0))
+        products = (self.rows @ self.columns).tocoo()
+        matrix = np.tile(np.eye(self.shape[1]), (first.size, 1, 1))
+        matrix[which[products.row], self.place[1][products.row], self.place[1][products.col]] = products.data
+        diagonal = np.arange(self.shape[1])
+        matrix[:, diagonal, diagonal] += _RIDGE
+        self.inverse = np.linalg.inv(matrix)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        y, z = np.split(right, [right.shape[0] - self.place[0].size])
+        pushed = np.zeros((*self.shape, *right.shape[1:]))
+        pushed[self.place] = self.rows @ y - z
+        multipliers = (self.inverse @ pushed.reshape(*self.shape, -1)).reshape(pushed.shape)[self.place]
+        return np.concatenate([y - self.columns @ multipliers, multipliers])
+
+    def times(self, found: FloatArray) -> FloatArray:
+        x, multipliers = np.split(found, [found.shape[0] - self.place[0].size])
+        return np.concatenate([x + self.columns @ multipliers, self.rows @ x])
 
 
 def sparse(parts: Sequence[Part], shape: tuple[int, int]) -> sp.csr_matrix:
