@@ -16,7 +16,7 @@ from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Parameter, changes_of, symbols_for
 from scso_nlp.sensitivities.right_sides import RightSides, product, right_sides
 from scso_nlp.solution import Solution
-from scso_nlp.solver.redundant import without_redundant_rows
+from scso_nlp.solver.described import program_of
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.by_data import by_data, by_unknowns
 from scso_nlp.transcription.describe import describe
@@ -218,8 +218,10 @@ class _Differentiated:
     def __init__(self, solution: Solution, parameters: Sequence[str | Parameter]) -> None:
         wanted = [parameters] if isinstance(parameters, str) else parameters
         self.parameters = tuple(Parameter.of_text(p) if isinstance(p, str) else p for p in wanted)
-        self.solution, problem = solution, replace(solution.problem, observed=())
-        self.program = without_redundant_rows(describe(problem, symbols_for(self.parameters, problem)))
+        self.solution, self.program = solution, program_of(solution)
+        problem = replace(solution.problem, observed=())
+        if symbols := symbols_for(self.parameters, problem):
+            self.program = describe(problem, symbols, self.program.split)
         self.changes = changes_of(self.parameters, self.program)
         self.conditions = Conditions(self.program, solution)
         self.conditions.settle()

@@ -17,6 +17,7 @@ from scso_nlp.progress import stages_shown
 from scso_nlp.solution import Solution, SolveFailed, SolveReport, Status
 from scso_nlp.solver.advice import next_steps
 from scso_nlp.solver.baseline import start_of_baseline
+from scso_nlp.solver.described import keep
 from scso_nlp.solver.ipopt import SolverOptions
 from scso_nlp.solver.judge import Outcome, judge
 from scso_nlp.solver.local_model import local_model
@@ -162,6 +163,7 @@ def _solve(
     )
     with one_thread():
         solution = judge(outcome, report)
+    keep(solution, program)
     _LOG.info(
         "%s (%s): %s; %d rounds, %d iterations, build %.2f s, solve %.2f s",
         problem.motion.name,

@@ -138,13 +138,18 @@ class FrameProgram:
         return self.layout.rows("lower", n) / scale, self.layout.rows("upper", n) / scale
 
 
-def describe(problem: MuscleForceProblem, differentiated: Set[str] = frozenset()) -> FrameProgram:
+def describe(
+    problem: MuscleForceProblem,
+    differentiated: Set[str] = frozenset(),
+    split: SplitRows | None = None,
+) -> FrameProgram:
     """Ask every term for its expressions on the symbols of one frame or of two.
 
     Constants with the names in `differentiated` are symbols too; their numbers are among the arrays. With
-    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others.
+    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others. Rows need not be
+    split again if `split` is that of another description of the same problem.
     """
-    return _Description(problem, differentiated).program()
+    return _Description(problem, differentiated).program(split)
 
 
 class _Description:
@@ -161,7 +166,7 @@ class _Description:
         if problem.coupled_terms:
             self.arrays[_DT] = np.diff(problem.motion.trajectory.time)
 
-    def program(self) -> FrameProgram:
+    def program(self, split: SplitRows | None) -> FrameProgram:
         """Collect the expressions first, because all pieces share all unknowns."""
         problem, motion = self.problem, self.problem.motion
         frame, later_frame = self.now.frame(problem), self.later.frame(problem)
@@ -225,7 +230,7 @@ class _Description:
             pair_rows=tables[1],
             matrices=tuple(matrices),
             observed=tuple(block for block in of_observed if block is not None),
-            split=self._split(tables[0], tables[1]),
+            split=split or self._split(tables[0], tables[1]),
             tendon_force=self._piece(ca.densify(frame.muscle.tendon_force), False),
             quantities=quantities,
         )
