@@ -82,6 +82,7 @@ class Conditions:
         self.usable = solution.is_solved & np.isfinite(solution.activation).all(axis=1)
         self.point = self._point(solution)
         self.turned: list[Turned] = []
+        self.slope: sp.csr_matrix | None = None
         self.at_bound: IntArray
         self.is_regular: BoolArray
         self._look(choose=True)
@@ -226,7 +227,11 @@ class Conditions:
         entries = [(old[0], new[0]) for old, new in zip(before, after, strict=True)]
         entries += [(self.linear.slope.data, self.slope.data)]
         return not self.models and all(
-            old.shape == new.shape and np.allclose(old, new, rtol=_ARRIVED, atol=0.0, equal_nan=True)
+            old.shape == new.shape
+            and (
+                np.array_equal(old, new)
+                or np.allclose(old, new, rtol=_ARRIVED, atol=0.0, equal_nan=True)
+            )
             for old, new in entries
         )
 
@@ -243,16 +248,18 @@ class Conditions:
             parts.append((entries, self.places(is_pair, rows[derivatives.row]), column))
         if parts:
             slope = slope + sparse(parts, slope.shape)
-        self.slope = slope
+        if slope is not self.slope:
+            self.slope, self.steepness = slope, abs(slope)
+            self.steepest = self.steepness.max(axis=1).toarray().ravel()
         force = np.zeros((self.n, self.size))
         self.rise = np.zeros((self.n, self.size))
-        for cost in self.costs:
-            first, _ = cost.at(x, arrays)
+        self.cost = [cost.at(x, arrays) for cost in self.costs]
+        for cost, (first, _) in zip(self.costs, self.cost, strict=True):
             for side, own in enumerate(np.split(first, len(cost.piece.unknowns), axis=1)):
                 force[side : side + len(own)] += own
                 self.rise[side : side + len(own)] += np.abs(own)
         force = force.ravel() + slope.T @ self.point.row
-        self.rise = self.rise.ravel() + abs(slope).T @ np.abs(self.point.row)
+        self.rise = self.rise.ravel() + self.steepness.T @ np.abs(self.point.row)
         self.gradient = force
         size = self.rise.reshape(self.n, -1).max(axis=1, initial=0.0)
         self.largest = (
@@ -297,8 +304,7 @@ class Conditions:
         keeping = keeping[self.at_row[keeping] == 0]
         self.at_row[keeping] = np.where(near_lower[keeping] < near_upper[keeping], -1, 1)
         # bounds keep rows without free unknowns; their multipliers, which are not unique, stay what they are
-        free = sp.diags((self.at_bound == 0).astype(float))
-        self.is_implied = is_open & ((abs(self.slope) @ free).sum(axis=1).A1 == 0)
+        self.is_implied = is_open & (self.steepness @ (self.at_bound == 0).astype(float) == 0)
         self.at_row[self.is_empty | self.is_implied] = 0
         # multipliers that nothing holds are rounding
         self.point.row = np.where((self.at_row == 0) & ~self.is_implied, 0.0, lam)
@@ -306,6 +312,8 @@ class Conditions:
     @property
     def implied(self) -> BoolArray:
         """Tell which rows are met exactly because of bounds, without free unknowns, shape (n_rows,)."""
+        if not self.is_implied.any():
+            return self.is_implied
         _, near_lower, near_upper = self._strengths()
         return self.is_implied & (np.minimum(near_lower, near_upper) < STRICT)
 
@@ -319,12 +327,10 @@ class Conditions:
 
     def _strengths(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Multipliers of rows over the largest slope, and distances to both bounds over the row's size."""
-        entries = abs(self.slope)
-        largest = entries.max(axis=1).toarray().ravel()
         x, value = np.abs(self.point.x.ravel()), self.value
         finite = [np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.row_lower, self.row_upper)]
-        own = np.maximum(entries @ x + np.abs(value) + np.maximum(*finite), _TINY)
-        strength = np.abs(self.point.row) * largest / self.largest[self.frame_of_row]
+        own = np.maximum(self.steepness @ x + np.abs(value) + np.maximum(*finite), _TINY)
+        strength = np.abs(self.point.row) * self.steepest / self.largest[self.frame_of_row]
         return strength, (value - self.row_lower) / own, (self.row_upper - value) / own
 
     def _is_strict(self) -> BoolArray:
@@ -358,8 +364,8 @@ class Conditions:
             frame = np.arange(len(entries))[:, None] * self.size
             parts.append((entries, frame + row, frame + column))
 
-        for cost in self.costs:
-            add(cost.at(x, arrays)[1], cost.row, cost.column)
+        for cost, (_, entries) in zip(self.costs, self.cost, strict=True):
+            add(entries, cost.row, cost.column)
         for rows, derivatives, curvature in self.curved:
             lam = self.point.row[self.places(int(derivatives.piece.is_pair), rows)]
             add(curvature.at(x, {**arrays, MULTIPLIERS: lam})[1], curvature.row, curvature.column)

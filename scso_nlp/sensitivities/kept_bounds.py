@@ -31,8 +31,10 @@ def bounds_kept_by_rows(program: FrameProgram, is_free: BoolArray) -> IntArray:
         kept follows from what is left. An unknown that has rested at its bound from the first frame on is
         held by its bound.
     """
-    keepers = _keepers(program)
     affine, size = program.split.affine_pairs, program.layout.size
+    if not affine.values.size:
+        return np.full((2, *is_free.shape), -1)
+    keepers = _keepers(program)
     place, earlier = affine.place[affine.row], np.flatnonzero(affine.column < size)
     kept = keepers >= 0
     is_free = is_free.copy()
@@ -50,8 +52,6 @@ def _keepers(program: FrameProgram) -> IntArray:
     lower, upper = program.bounds()
     affine, table, size = program.split.affine_pairs, program.pair_rows, program.layout.size
     found = np.full((2, *lower.shape), -1)
-    if not affine.values.size:
-        return found
     slope, place, is_later = affine.values, affine.place[affine.row], affine.column >= size
     low, high = (np.hstack([bound[:-1], bound[1:]])[:, affine.column] for bound in (lower, upper))
     is_own = (slope != 0) & ~is_later

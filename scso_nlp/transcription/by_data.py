@@ -122,6 +122,7 @@ def _evaluated(
     """Evaluate several lists of derivatives together; those without entries are left out."""
     lists = [[part for part in parts if part.row.size] for parts in lists]
     columns = [part.entries.nz[:] for parts in lists for part in parts]
+    piece = piece.needing(ca.veccat(*columns))
     values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays) if columns else ())
     return [
         [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -48,6 +48,15 @@ class Piece:
     def function(self, *outputs: ca.SX) -> ca.Function:
         """Make a function of the unknowns and the data, with the expression or other outputs."""
         return ca.Function("piece", [*self.unknowns, *self.symbols], list(outputs) or [self.expression])
+
+    def needing(self, outputs: ca.SX) -> Piece:
+        """Leave out the data that outputs do not depend on."""
+        kept = [i for i, symbol in enumerate(self.symbols) if ca.depends_on(outputs, symbol)]
+        return replace(
+            self,
+            data=tuple(self.data[i] for i in kept),
+            symbols=tuple(self.symbols[i] for i in kept),
+        )
 
     def slope(self) -> ca.Function:
         """Make a function with the gradient of a scalar expression by all its unknowns."""
