@@ -82,7 +82,7 @@ class Conditions:
         self.usable = solution.is_solved & np.isfinite(solution.activation).all(axis=1)
         self.point = self._point(solution)
         self.turned: list[Turned] = []
-        self.slope: sp.csr_matrix | None = None
+        self.slope: sp.csr_matrix
         self.at_bound: IntArray
         self.is_regular: BoolArray
         self._look(choose=True)
@@ -228,10 +228,7 @@ class Conditions:
         entries += [(self.linear.slope.data, self.slope.data)]
         return not self.models and all(
             old.shape == new.shape
-            and (
-                np.array_equal(old, new)
-                or np.allclose(old, new, rtol=_ARRIVED, atol=0.0, equal_nan=True)
-            )
+            and (np.array_equal(old, new) or np.allclose(old, new, rtol=_ARRIVED, atol=0.0, equal_nan=True))
             for old, new in entries
         )
 
@@ -248,7 +245,7 @@ class Conditions:
             parts.append((entries, self.places(is_pair, rows[derivatives.row]), column))
         if parts:
             slope = slope + sparse(parts, slope.shape)
-        if slope is not self.slope:
+        if slope is not getattr(self, "slope", None):
             self.slope, self.steepness = slope, abs(slope)
             self.steepest = self.steepness.max(axis=1).toarray().ravel()
         force = np.zeros((self.n, self.size))

@@ -119,10 +119,10 @@ class _Together:
 
 
 class _Apart:
-    """Factors of frames apart from each other whose Hessian is diagonal: of a small matrix of each one's rows.
+    """Factors of frames apart from each other with a diagonal Hessian: of a small matrix of each one's rows.
 
-    With curvatures scaled to one and rows to a length of one, unknowns are x = y - B'm, and multipliers m solve
-    B B' m = B y - z.
+    With curvatures scaled to one, and rows to a length of one, unknowns are x = y - B'm, where the
+    multipliers m solve B B' m = B y - z.
     """
 
     def __init__(self, curvature: FloatArray, slopes: sp.csr_matrix, frame: IntArray) -> None:

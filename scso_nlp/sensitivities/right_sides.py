@@ -74,7 +74,7 @@ class _RightSides:
         for is_pair, table in enumerate((self.program.rows, self.program.pair_rows)):
             for block, where in table:
                 assert block.piece is not None
-                if not self._is_changed(block.piece):
+                if not block.piece.depends_on(self.changes.used):
                     continue
                 piece = replace(block.piece, expression=block.piece.expression / block.scale)
                 places = self.conditions.places(is_pair, np.arange(where.start, where.stop))
@@ -93,9 +93,6 @@ class _RightSides:
             matrices=tuple(entries for entries, _ in of_matrices),
         )
 
-    def _is_changed(self, piece: Piece) -> bool:
-        return any(key in self.changes.used for _, key in piece.data)
-
     def _unknowns(self, piece: Piece) -> IntArray:
         """Places of the unknowns that each frame or pair of a piece sees."""
         n = self.n - piece.is_pair
@@ -103,7 +100,7 @@ class _RightSides:
 
     def _cost(self, piece: Piece, factor: FloatArray) -> None:
         frames = np.arange(self.n - piece.is_pair)
-        if self._is_changed(piece):
+        if piece.depends_on(self.changes.used):
             self._add(self.objective, piece, frames[:, None])
         if factor.any():
             arrays = self.program.arrays
@@ -114,7 +111,7 @@ class _RightSides:
     def _add(
         self, target: FloatArray, piece: Piece, places: IntArray, multipliers: FloatArray | None = None
     ) -> None:
-        """Add what the parameters change of a piece at places (n, n_rows) of a target, and of its gradient."""
+        """Add what parameters change of a piece to places (n, n_rows) of a target, and of its gradient."""
         of_rows, of_gradient = mixed_by_data(
             piece, self.changes.used, self.point.x, self.program.arrays, multipliers
         )

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
-import casadi as ca
 import numpy as np
 
 from scso_nlp.solution import Optimality
+from scso_nlp.transcription.by_data import MULTIPLIERS, weighted
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import Key, evaluate, frame_blocks
 from scso_nlp.transcription.rows import AffineRows, RowTable
@@ -189,15 +189,8 @@ def _reaction(
         if piece.is_pair != is_pair:
             continue
         value[:, rows] = piece.values(unknowns, part.arrays)
-        weight = ca.SX.sym("multiplier", rows.size)
-        weighted = replace(
-            piece,
-            expression=ca.dot(weight, piece.expression),
-            data=(*piece.data, (0, ("judge", "multiplier"))),
-            symbols=(*piece.symbols, weight),
-        )
-        arrays = {**part.arrays, ("judge", "multiplier"): lam[:, rows]}
-        slopes = evaluate(weighted, weighted.slope(), unknowns, arrays)[0]
+        total = weighted(piece)
+        slopes = evaluate(total, total.slope(), unknowns, {**part.arrays, MULTIPLIERS: lam[:, rows]})[0]
         for side, own_slopes in enumerate(np.split(slopes, len(piece.unknowns), axis=1)):
             push[side : side + len(own_slopes)] += own_slopes
     outside = np.maximum(np.maximum(table.lower - value, value - table.upper), 0.0)

@@ -209,7 +209,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
     def mapped(piece: Piece, unknowns: ca.MX, scale: ca.MX | None) -> Mapped:
         n = n_frames - piece.is_pair
         columns = [unknowns[:, i : i + n] for i in range(len(piece.unknowns))]
-        for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
+        for offset, key, symbol in piece.data:
             entry = ca.MX.sym(key[1], symbol.numel() * n)
             parameters.append(entry)
             data_keys.append((offset, key, piece.is_pair))

@@ -36,8 +36,7 @@ def weighted(piece: Piece) -> Piece:
     return replace(
         piece,
         expression=ca.dot(weight, piece.expression),
-        data=(*piece.data, (0, MULTIPLIERS)),
-        symbols=(*piece.symbols, weight),
+        given=(*piece.given, (0, MULTIPLIERS, weight)),
     )
 
 
@@ -78,9 +77,7 @@ def mixed_by_data(
     weight = ca.SX.ones(rows)
     if multipliers is not None:
         weight = ca.SX.sym("multiplier", rows)
-        piece = replace(
-            piece, data=(*piece.data, (0, MULTIPLIERS)), symbols=(*piece.symbols, weight)
-        )
+        piece = replace(piece, given=(*piece.given, (0, MULTIPLIERS, weight)))
         arrays = {**arrays, MULTIPLIERS: multipliers}
     second = []
     for part in first:
@@ -104,7 +101,7 @@ class _Part:
 
 def _first(piece: Piece, used: Mapping[Key, IntArray]) -> list[_Part]:
     found = []
-    for (offset, key), symbol in zip(piece.data, piece.symbols, strict=True):
+    for offset, key, symbol in piece.given:
         if key not in used:
             continue
         down, across = np.divmod(used[key], symbol.size2())
@@ -122,7 +119,7 @@ def _evaluated(
     """Evaluate several lists of derivatives together; those without entries are left out."""
     lists = [[part for part in parts if part.row.size] for parts in lists]
     columns = [part.entries.nz[:] for parts in lists for part in parts]
-    piece = piece.needing(ca.veccat(*columns))
+    piece = replace(piece, expression=ca.veccat(*columns))
     values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays) if columns else ())
     return [
         [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -158,8 +158,7 @@ def _curvature(mapped: Mapped, size: int, factor: ca.MX | float, multipliers: ca
     row, column = (np.array(v, dtype=np.int64) for v in upper.sparsity().get_triplet())
     if not row.size:
         return Entries(row=row, column=column, values=ca.MX(0, 1))
-    weighted = replace(piece, symbols=(*piece.symbols, weight))
-    entries = mapped.outputs(weighted.function(ca.vertcat(*upper.nonzeros())), multipliers)
+    entries = mapped.outputs(piece.function(ca.vertcat(*upper.nonzeros()), more=(weight,)), multipliers)
     frame = np.arange(mapped.n)[:, None] * size
     return Entries(
         row=(frame + row).ravel(), column=(frame + column).ravel(), values=ca.vec(_times(factor, entries))

@@ -146,8 +146,8 @@ def describe(
     """Ask every term for its expressions on the symbols of one frame or of two.
 
     Constants with the names in `differentiated` are symbols too; their numbers are among the arrays. With
-    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others. Rows need not be
-    split again if `split` is that of another description of the same problem.
+    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others. Rows need not
+    be split again if `split` is that of another description of the same problem.
     """
     return _Description(problem, differentiated).program(split)
 
@@ -237,25 +237,14 @@ class _Description:
 
     def _piece(self, expression: ca.SX, is_pair: bool) -> Piece:
         offsets = (self.now, self.later) if is_pair else (self.now,)
-        wanted = [
+        given = [
             (offset, key, symbol)
             for offset, symbols in enumerate(offsets)
             for key, symbol in symbols.data.items()
-            if ca.depends_on(expression, symbol)
         ]
-        wanted += [
-            (0, key, symbol)
-            for key, symbol in self.constants.symbols.items()
-            if ca.depends_on(expression, symbol)
-        ]
-        if is_pair and ca.depends_on(expression, self.dt):
-            wanted.append((0, _DT, self.dt))
-        return Piece(
-            expression=expression,
-            unknowns=self.unknowns[: 1 + is_pair],
-            data=tuple((offset, key) for offset, key, _ in wanted),
-            symbols=tuple(symbol for _, _, symbol in wanted),
-        )
+        given += [(0, key, symbol) for key, symbol in self.constants.symbols.items()]
+        given += [(0, _DT, self.dt)] if is_pair else []
+        return Piece(expression=expression, unknowns=self.unknowns[: 1 + is_pair], given=tuple(given))
 
     def _may_be_missed(
         self,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Container, Iterator, Mapping
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -18,22 +18,21 @@ Key = tuple[str, str]
 #: Frames evaluated together; more would leave the processor's cache.
 _FRAMES_AT_ONCE = 128
 
-#: Functions of more instructions or inputs are called frame by frame: to make one of many frames takes longer.
+#: Functions of more instructions or inputs are called frame by frame: to make one for many takes longer.
 _MANY = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """An expression of one frame, or of two neighbours, with the symbols it needs.
+    """An expression of one frame, or of two neighbours, with the symbols it may have.
 
-    ``unknowns`` are one or two columns; ``data`` are (offset, key) pairs, offset 0 for the earlier and
+    ``unknowns`` are one or two columns; ``given`` are (offset, key, symbol), offset 0 for the earlier and
     1 for the later frame (always 0 for one-frame pieces).
     """
 
     expression: ca.SX
     unknowns: tuple[ca.SX, ...]
-    data: tuple[tuple[int, Key], ...]
-    symbols: tuple[ca.SX, ...]
+    given: tuple[tuple[int, Key, ca.SX], ...]
 
     @property
     def is_pair(self) -> bool:
@@ -45,18 +44,19 @@ class Piece:
         """Unknowns of one frame, or of both."""
         return ca.vertcat(*self.unknowns)
 
-    def function(self, *outputs: ca.SX) -> ca.Function:
-        """Make a function of the unknowns and the data, with the expression or other outputs."""
-        return ca.Function("piece", [*self.unknowns, *self.symbols], list(outputs) or [self.expression])
+    @functools.cached_property
+    def data(self) -> tuple[tuple[int, Key, ca.SX], ...]:
+        """What is given that the expression depends on."""
+        return tuple(each for each in self.given if ca.depends_on(self.expression, each[2]))
 
-    def needing(self, outputs: ca.SX) -> Piece:
-        """Leave out the data that outputs do not depend on."""
-        kept = [i for i, symbol in enumerate(self.symbols) if ca.depends_on(outputs, symbol)]
-        return replace(
-            self,
-            data=tuple(self.data[i] for i in kept),
-            symbols=tuple(self.symbols[i] for i in kept),
-        )
+    def depends_on(self, keys: Container[Key]) -> bool:
+        """Tell whether the expression depends on some of what is given."""
+        return any(key in keys and ca.depends_on(self.expression, symbol) for _, key, symbol in self.given)
+
+    def function(self, *outputs: ca.SX, more: tuple[ca.SX, ...] = ()) -> ca.Function:
+        """Make a function of the unknowns, the data and more, with the expression or other outputs."""
+        inputs = [*self.unknowns, *(symbol for _, _, symbol in self.data), *more]
+        return ca.Function("piece", inputs, list(outputs) or [self.expression])
 
     def slope(self) -> ca.Function:
         """Make a function with the gradient of a scalar expression by all its unknowns."""
@@ -150,7 +150,7 @@ def evaluate(
     """
     n = len(unknowns) - piece.is_pair
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
-    inputs += [column_major(arrays[key][offset : offset + n]) for offset, key in piece.data]
+    inputs += [column_major(arrays[key][offset : offset + n]) for offset, key, _ in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
     one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
     for part in frame_blocks(n):

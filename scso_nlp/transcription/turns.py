@@ -199,13 +199,12 @@ def _curved_turns(block: MatrixBlock, n_turns: int, keys: tuple[Key, ...]) -> Pi
     """Write the rows down as expressions, divided by their scale, with the arrays of the given names."""
     piece = block.piece
     matrices = ca.SX.sym("matrices", n_turns, piece.expression.numel())
-    constant = ca.SX.sym("constant", n_turns)
+    symbols = (matrices, constant := ca.SX.sym("constant", n_turns))
     value = matrices @ piece.expression + constant
     if block.missed is not None:
         value += piece.unknowns[0][block.missed]
     return replace(
         piece,
         expression=value,
-        data=(*piece.data, *((0, key) for key in keys)),
-        symbols=(*piece.symbols, matrices, constant),
+        given=(*piece.given, *((0, key, symbol) for key, symbol in zip(keys, symbols, strict=True))),
     )
