@@ -98,8 +98,8 @@ class Conditions:
         return np.asarray(self.first[is_pair] + frame * self.n_rows[is_pair] + rows)
 
     def _collect_rows(self, n_pair: int) -> None:
-        program, parts = self.program, []
-        lower, upper, empty = [], [], []
+        program = self.program
+        lower, upper, empty, affine_rows = [], [], [], []
         self.constant = np.zeros(self.frame_of_row.size)
         for is_pair, (table, affine, n) in enumerate(
             (
@@ -113,11 +113,10 @@ class Conditions:
             is_empty[:, affine.rows] = affine.is_empty[:n]
             empty.append(is_empty.ravel())
             self.constant[self.places(is_pair, affine.rows)] = affine.constant[:n]
-            column = np.arange(n)[:, None] * self.size + affine.column
-            parts.append((affine.values[:n], self.places(is_pair, affine.row), column))
+            affine_rows.append(affine.sparse(n, len(table), self.size))
         self.row_lower, self.row_upper = np.concatenate(lower), np.concatenate(upper)
         self.is_empty = np.concatenate(empty)
-        self.affine = sparse(parts, (self.frame_of_row.size, self.n * self.size))
+        self.affine = sp.vstack(affine_rows, format="csr")
 
     def _point(self, solution: Solution) -> Point:
         """Unknowns and judged multipliers of a solution, in the program's scale and the solver's sign."""

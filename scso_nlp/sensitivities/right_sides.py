@@ -79,11 +79,18 @@ class _RightSides:
                 piece = replace(block.piece, expression=block.piece.expression / block.scale)
                 places = self.conditions.places(is_pair, np.arange(where.start, where.stop))
                 self._add(self.values, piece, places, self.point.row[places])
-        lower = np.zeros_like(self.values)
-        lower[self.conditions.places(0, np.arange(len(self.program.rows)))] = self.changes.lower
-        is_at_lower = (self.conditions.at_row == -1) | (self.conditions.at_row == 2)
-        rows = self.values - np.where(is_at_lower[:, None], lower, 0.0)
-        np.add.at(self.objective, self.conditions.frame_of_row, self.point.row[:, None] * rows)
+        rows = self.values.copy()
+        if self.changes.lower.any():
+            places = self.conditions.places(0, np.arange(len(self.program.rows)))
+            is_at_lower = np.isin(self.conditions.at_row[places], (-1, 2))
+            rows[places] -= is_at_lower[:, :, None] * self.changes.lower
+        first, n_rows = self.conditions.first, self.conditions.n_rows
+        for is_pair in (0, 1):
+            own = slice(first[is_pair], first[is_pair] + (self.n - is_pair) * n_rows[is_pair])
+            counted = self.point.row[own, None] * rows[own]
+            self.objective[is_pair:] += counted.reshape(
+                self.n - is_pair, n_rows[is_pair], self.n_parameters
+            ).sum(axis=1)
         of_matrices = [self._matrix(turned) for turned in self.conditions.turned]
         return RightSides(
             lagrangian=self.lagrangian,

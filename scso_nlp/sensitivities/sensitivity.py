@@ -236,9 +236,11 @@ class _Differentiated:
             for block in layout.blocks:
                 moving[block.columns] = block.owner == self.program.problem.muscle_model.name
         held = (np.abs(conditions.at_bound) == 1) & np.tile(moving, conditions.n)
-        disturbed = conditions.at_rest & (self.right.lagrangian != 0).any(axis=1)
+        disturbed = conditions.at_rest.copy()
+        disturbed[disturbed] = (self.right.lagrangian[disturbed] != 0).any(axis=1)
         kink = (held | disturbed).reshape(conditions.n, -1).any(axis=1)
-        rows = conditions.implied & (self.right.values != 0).any(axis=1)
+        rows = np.flatnonzero(conditions.implied)
+        rows = rows[(self.right.values[rows] != 0).any(axis=1)]
         kink[conditions.frame_of_row[rows]] = True
         kink &= conditions.usable
         conditions.is_kink = conditions.is_kink | kink
@@ -266,11 +268,12 @@ class _Differentiated:
         """Solve with the right sides of all parameters."""
         conditions, program, n = self.conditions, self.program, self.conditions.n
         linear, right = conditions.linear, self.right
-        both = np.concatenate([right.lagrangian[linear.free], right.rows[linear.rows]])
-        unknowns, multipliers = conditions.spread(linear.solve(-both))
-        by_frame = self._blanked(unknowns.reshape(n, conditions.size, -1).transpose(0, 2, 1))
+        both = np.concatenate([-right.lagrangian[linear.free], -right.rows[linear.rows]])
+        unknowns, multipliers = conditions.spread(linear.solve(both))
+        by_frame = unknowns.reshape(n, conditions.size, -1)
+        by_frame[~conditions.is_regular] = np.nan
         parts = {
-            (b.owner, b.spec.name): by_frame[:, :, b.columns] * program.layout.scale[b.columns]
+            (b.owner, b.spec.name): _turned(by_frame[:, b.columns] * program.layout.scale[b.columns, None])
             for b in program.layout.blocks
         }
         values = conditions.slope @ unknowns + right.values
@@ -279,7 +282,7 @@ class _Differentiated:
         matrices = {}
         for i, turned in enumerate(conditions.turned):
             n_all = turned.rows.shape[0] * turned.rows.shape[1]
-            change = turned.slopes @ by_frame.transpose(0, 2, 1) + right.matrices[i]
+            change = turned.slopes @ by_frame + right.matrices[i]
             matrices[turned.model.block.term] = self._blanked(
                 np.stack(
                     [
@@ -296,12 +299,12 @@ class _Differentiated:
             regularity=self.regularity,
             activation=parts.pop((PROBLEM, "activation")),
             control=parts.pop((PROBLEM, "control")),
-            tendon_force=self._blanked(self._force_by_unknowns(by_frame) + self._force_by_parameters()),
+            tendon_force=_turned(self._force_by_unknowns(by_frame) + self._force_by_parameters()),
             variables={f"{owner}.{name}": values for (owner, name), values in parts.items()},
             row_value=row_value,
             row_multiplier=row_multiplier,
             matrix_multiplier=matrices,
-            frame_objective=self._blanked(right.objective),
+            frame_objective=self._blanked(right.objective.copy()),
         )
 
     def backward(self, weights: Mapping[str, FloatArray]) -> Gradient:
@@ -318,7 +321,7 @@ class _Differentiated:
                 )
                 for i, (m, j) in enumerate(zip(row, column, strict=True)):
                     weight[:, j] += given[:, m] * entries[:, i]
-                value += np.einsum("kpm,km->p", self._force_by_parameters(), given)
+                value += np.einsum("kmp,km->p", self._force_by_parameters(), given)
             else:
                 for b in layout.blocks:
                     if (b.owner, b.spec.name) == (PROBLEM, name):
@@ -335,23 +338,23 @@ class _Differentiated:
         return Gradient(parameters=self.parameters, regularity=self.regularity, value=value)
 
     def _force_by_unknowns(self, change: FloatArray) -> FloatArray:
-        """Change of tendon forces (n_frames, n_parameters, n_muscles) with that of the unknowns."""
+        """Change of tendon forces (n_frames, n_muscles, n_parameters) with that of the unknowns."""
         row, column, entries = by_unknowns(
             self.program.tendon_force, self.conditions.point.x, self.program.arrays
         )
-        result = np.zeros((*change.shape[:2], self.solution.tendon_force.shape[1]))
+        n, _, n_parameters = change.shape
+        result = np.zeros((n, self.solution.tendon_force.shape[1], n_parameters))
         for i, (m, j) in enumerate(zip(row, column, strict=True)):
-            result[:, :, m] += entries[:, i, None] * change[:, :, j]
+            result[:, m] += entries[:, i, None] * change[:, j]
         return result
 
     def _force_by_parameters(self) -> FloatArray:
-        """Change of tendon forces at fixed unknowns, shape (n_frames, n_parameters, n_muscles)."""
+        """Change of tendon forces at fixed unknowns, shape (n_frames, n_muscles, n_parameters)."""
         piece, n = self.program.tendon_force, self.conditions.n
         n_muscles = piece.expression.numel()
         places = np.arange(n * n_muscles).reshape(n, n_muscles)
         slopes = by_data(piece, self.changes.used, self.conditions.point.x, self.program.arrays)
-        found = product(slopes, self.changes, places)
-        return found.reshape(n, n_muscles, -1).transpose(0, 2, 1)
+        return product(slopes, self.changes, places).reshape(n, n_muscles, -1)
 
     def _by_term(
         self, values: FloatArray, multipliers: FloatArray, by_frame: FloatArray
@@ -362,23 +365,27 @@ class _Differentiated:
         for is_pair, table in enumerate((self.program.rows, self.program.pair_rows)):
             for block, where in table:
                 places = conditions.places(is_pair, np.arange(where.start, where.stop))
-                value = block.scale * values[places].transpose(0, 2, 1)
+                value = block.scale * values[places]
                 if block.missed is not None:
-                    value = (
-                        value - block.scale * by_frame[:, :, block.missed : block.missed + len(block.names)]
-                    )
-                sign = np.where(conditions.at_row == 2, -1.0, conditions.at_row)[places]
-                multiplier = (sign[:, :, None] * multipliers[places]).transpose(0, 2, 1) / block.scale
-                multiplier = np.where(conditions.implied[places][:, None], np.nan, multiplier)
+                    value -= block.scale * by_frame[:, block.missed : block.missed + len(block.names)]
+                sign = np.where(conditions.at_row == 2, -1.0, conditions.at_row)[places] / block.scale
+                multiplier = sign[:, :, None] * multipliers[places]
+                multiplier[conditions.implied[places]] = np.nan
                 for target, change in zip(found, (value, multiplier), strict=True):
                     gap = np.full((is_pair, *change.shape[1:]), np.nan)
-                    target.setdefault(block.term, []).append(self._blanked(np.concatenate([gap, change])))
+                    whole = self._blanked(np.concatenate([gap, change]) if is_pair else change)
+                    target.setdefault(block.term, []).append(_turned(whole))
         first, second = (
             {term: np.concatenate(parts, axis=2) for term, parts in each.items()} for each in found
         )
         return first, second
 
     def _blanked(self, values: FloatArray) -> FloatArray:
-        values = np.array(values)
+        """Take derivatives (n_frames, …) out of frames that have none."""
         values[~self.conditions.is_regular] = np.nan
         return values
+
+
+def _turned(values: FloatArray) -> FloatArray:
+    """Put parameters (n_frames, n, n_parameters) before what changes with them."""
+    return values.transpose(0, 2, 1)

@@ -317,6 +317,14 @@ class AffineRows:
         shape = (n * self.rows.size, (n + self.is_pair) * size)
         return sp.csc_matrix((values.ravel(), self.places(n, size)), shape=shape)
 
+    def sparse(self, n: int, n_rows: int, size: int) -> sp.csr_matrix:
+        """Assemble n frames or pairs with all `n_rows` rows of each, zero where they are not affine."""
+        order = np.lexsort((self.column, self.row))
+        lengths = np.tile(np.bincount(self.row, minlength=n_rows), n)
+        column = np.arange(n)[:, None] * size + self.column[order]
+        entries = (self.values[:n, order].ravel(), column.ravel(), np.append(0, np.cumsum(lengths)))
+        return sp.csr_matrix(entries, shape=(n * n_rows, (n + self.is_pair) * size))
+
     def places(self, n: int, size: int) -> tuple[IntArray, IntArray]:
         """Row and column of every entry of the rows of n frames or pairs, frame after frame."""
         frame = np.arange(n)[:, None]
