@@ -12,8 +12,8 @@ from scso_nlp.arguments import checked
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.derivatives import Entries, Mapped, derivative_functions
 from scso_nlp.transcription.describe import FrameProgram, describe
-from scso_nlp.transcription.layout import column_major
-from scso_nlp.transcription.piece import Key, Piece, curved
+from scso_nlp.transcription.layout import Given
+from scso_nlp.transcription.piece import Piece, curved
 from scso_nlp.transcription.rows import AffineRows, NonlinearRows, RowTable
 from scso_nlp.transcription.turns import matrix_models, with_turns
 from scso_nlp.validation import FloatArray, IntArray
@@ -80,7 +80,7 @@ class Nlp:
         Objective, rows, unknowns and parameters.
     derivatives : mapping of str to ca.Function
         ``grad_f``, ``jac_g`` and ``hess_lag`` as CasADi's options call them.
-    data_keys : tuple of (offset, key, is_pair)
+    data : tuple of (Given, is_pair)
         Where the data parameters come from, in their order.
     objective_is_quadratic : bool
     is_scaled : bool
@@ -96,7 +96,7 @@ class Nlp:
     x: ca.MX
     p: ca.MX
     derivatives: Mapping[str, ca.Function]
-    data_keys: tuple[tuple[int, Key, bool], ...]
+    data: tuple[tuple[Given, bool], ...]
     objective_is_quadratic: bool
     is_scaled: bool
 
@@ -122,9 +122,9 @@ class Nlp:
         parts.append(scale.weight[frames])
         if self.is_scaled:
             parts.append(scale.unknowns[frames])
-        for offset, key, pair in self.data_keys:
-            which = frames[offset : offset + self.n_frames - pair]
-            parts.append(column_major(self.program.arrays[key][which]).ravel())
+        for given, pair in self.data:
+            which = frames[given.offset : given.offset + self.n_frames - pair]
+            parts.append(given.numbers(self.program.arrays, which).ravel())
         return np.concatenate(parts)
 
     def row_bounds(self, frames: IntArray, scale: FrameScale) -> tuple[FloatArray, FloatArray]:
@@ -204,16 +204,16 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
         sizes = ca.MX.sym("unknown_scales", 1, n_frames)
         parameters.append(sizes.T)
         by_frame = by_frame * ca.repmat(sizes, size, 1)
-    data_keys: list[tuple[int, Key, bool]] = []
+    data: list[tuple[Given, bool]] = []
 
     def mapped(piece: Piece, unknowns: ca.MX, scale: ca.MX | None) -> Mapped:
         n = n_frames - piece.is_pair
         columns = [unknowns[:, i : i + n] for i in range(len(piece.unknowns))]
-        for offset, key, symbol in piece.data:
-            entry = ca.MX.sym(key[1], symbol.numel() * n)
+        for given in piece.data:
+            entry = ca.MX.sym(given.key[1], given.symbol.numel() * n)
             parameters.append(entry)
-            data_keys.append((offset, key, piece.is_pair))
-            columns.append(ca.reshape(entry, symbol.size1(), symbol.size2() * n))
+            data.append((given, piece.is_pair))
+            columns.append(ca.reshape(entry, given.symbol.numel(), n))
         return Mapped(piece=piece, inputs=tuple(columns), scale=scale)
 
     seen = (by_frame, sizes) if program.degree is None else (own, None)
@@ -243,7 +243,7 @@ def build_nlp(program: FrameProgram, n_frames: int, *, is_scaled: bool = False) 
         derivatives=derivative_functions(
             x, p, f=f, g=g, size=size, costs=costs, affine=straight, nonlinear=curves
         ),
-        data_keys=tuple(data_keys),
+        data=tuple(data),
         objective_is_quadratic=quadratic,
         is_scaled=is_scaled,
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from scso_nlp.transcription.layout import Given
 from scso_nlp.transcription.piece import Key, Piece, evaluate, jacobian_by_rows
 from scso_nlp.validation import FloatArray, IntArray
 
@@ -36,7 +37,7 @@ def weighted(piece: Piece) -> Piece:
     return replace(
         piece,
         expression=ca.dot(weight, piece.expression),
-        given=(*piece.given, (0, MULTIPLIERS, weight)),
+        given=(*piece.given, Given(key=MULTIPLIERS, symbol=weight)),
     )
 
 
@@ -77,7 +78,7 @@ def mixed_by_data(
     weight = ca.SX.ones(rows)
     if multipliers is not None:
         weight = ca.SX.sym("multiplier", rows)
-        piece = replace(piece, given=(*piece.given, (0, MULTIPLIERS, weight)))
+        piece = replace(piece, given=(*piece.given, Given(key=MULTIPLIERS, symbol=weight)))
         arrays = {**arrays, MULTIPLIERS: multipliers}
     second = []
     for part in first:
@@ -101,15 +102,19 @@ class _Part:
 
 def _first(piece: Piece, used: Mapping[Key, IntArray]) -> list[_Part]:
     found = []
-    for offset, key, symbol in piece.given:
-        if key not in used:
+    for given in piece.given:
+        if given.key not in used:
             continue
-        down, across = np.divmod(used[key], symbol.size2())
-        chosen = ca.vec(symbol)[(across * symbol.size1() + down).tolist()]
+        entries = place = used[given.key]
+        if given.entries is not None:
+            assert np.isin(entries, given.entries).all(), given.key
+            place = np.searchsorted(given.entries, entries)
+        chosen = given.symbol[place.tolist()]
         is_wide = piece.expression.numel() < chosen.numel()
         jacobian = (jacobian_by_rows if is_wide else ca.jacobian)(piece.expression, chosen)
         row, place = (np.array(v, dtype=np.int64) for v in jacobian.sparsity().get_triplet())
-        found.append(_Part(key=key, offset=offset, row=row, entry=used[key][place], entries=jacobian))
+        part = _Part(key=given.key, offset=given.offset, row=row, entry=entries[place], entries=jacobian)
+        found.append(part)
     return found
 
 

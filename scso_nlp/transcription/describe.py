@@ -16,6 +16,7 @@ from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.transcription.layout import (
     ABOUT_SYMBOLS,
     Constants,
+    Given,
     Layout,
     collect_data,
     make_layout,
@@ -160,7 +161,7 @@ class _Description:
         self.layout, self.arrays = make_layout(problem), collect_data(problem)
         self.now = self.later = make_symbols(self.layout, self.arrays, self.constants)
         if problem.coupled_terms:
-            self.later = make_symbols(self.layout, self.arrays, self.constants, "_next")
+            self.later = make_symbols(self.layout, self.arrays, self.constants, offset=1)
         self.unknowns = (self.now.unknowns, self.later.unknowns)
         self.dt = ca.SX.sym("dt")
         if problem.coupled_terms:
@@ -236,14 +237,9 @@ class _Description:
         )
 
     def _piece(self, expression: ca.SX, is_pair: bool) -> Piece:
-        offsets = (self.now, self.later) if is_pair else (self.now,)
-        given = [
-            (offset, key, symbol)
-            for offset, symbols in enumerate(offsets)
-            for key, symbol in symbols.data.items()
-        ]
-        given += [(0, key, symbol) for key, symbol in self.constants.symbols.items()]
-        given += [(0, _DT, self.dt)] if is_pair else []
+        given = [*self.now.given, *(self.later.given if is_pair else ())]
+        given += [Given(key=key, symbol=symbol) for key, symbol in self.constants.symbols.items()]
+        given += [Given(key=_DT, symbol=self.dt)] if is_pair else []
         return Piece(expression=expression, unknowns=self.unknowns[: 1 + is_pair], given=tuple(given))
 
     def _may_be_missed(

@@ -18,7 +18,7 @@ import numpy as np
 from scso_nlp.exceptions import DataError, ProblemError, ScsoError
 from scso_nlp.frame import Frame, MuscleState, VariableSpec, as_number
 from scso_nlp.problem import MuscleForceProblem
-from scso_nlp.validation import FloatArray
+from scso_nlp.validation import FloatArray, IntArray
 
 #: What own terms are told that treat symbols like numbers.
 ABOUT_SYMBOLS = (
@@ -204,6 +204,33 @@ class Constants:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Given:
+    """Numbers of every frame, and the symbols that stand for them.
+
+    Attributes
+    ----------
+    key : (owner, name)
+        Of the array.
+    symbol : ca.SX, shape (n_entries, 1)
+    entries : ndarray of int, shape (n_entries,), or None
+        Which of a frame's numbers these are, in the array's order; None: all.
+    offset : int
+        How many frames after that of an expression: 1 for the later one of a pair.
+    """
+
+    key: tuple[str, str]
+    symbol: ca.SX
+    entries: IntArray | None = None
+    offset: int = 0
+
+    def numbers(self, arrays: Mapping[tuple[str, str], FloatArray], frames: IntArray | slice) -> FloatArray:
+        """Take the numbers of some frames, shape (n, n_entries)."""
+        array = arrays[self.key][frames]
+        by_frame = array.reshape(len(array), -1)
+        return by_frame if self.entries is None else by_frame[:, self.entries]
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrameSymbols:
     """Symbols of one frame and the numbers that go into them.
 
@@ -212,8 +239,7 @@ class FrameSymbols:
     layout : Layout
     unknowns : ca.SX, shape (size, 1)
         The solver's unknowns: each is the physical one divided by its scale.
-    data : mapping of (owner, name) to ca.SX
-        Symbols of the given quantities.
+    given : tuple of Given
     seen : mapping of (owner, name) to ca.SX
         What terms see of them: zero where a matrix is zero in all frames. A muscle crosses few coordinates.
     constants : Constants
@@ -222,7 +248,7 @@ class FrameSymbols:
 
     layout: Layout
     unknowns: ca.SX
-    data: Mapping[tuple[str, str], ca.SX]
+    given: tuple[Given, ...]
     seen: Mapping[tuple[str, str], ca.SX]
     constants: Constants = field(default_factory=Constants)
 
@@ -261,17 +287,23 @@ class FrameSymbols:
 
 
 def make_symbols(
-    layout: Layout, arrays: Mapping[tuple[str, str], FloatArray], constants: Constants, suffix: str = ""
+    layout: Layout, arrays: Mapping[tuple[str, str], FloatArray], constants: Constants, offset: int = 0
 ) -> FrameSymbols:
-    """Create the symbols of one frame for the given data arrays (frames first)."""
-    data = {key: ca.SX.sym(f"{key[1]}{suffix}", *_shape(array)) for key, array in arrays.items()}
-    seen = dict(data)
-    if "moment_arms" not in constants.differentiated:
-        for key, array in arrays.items():
-            if array.ndim == 3:
-                seen[key] = ca.densify(data[key] * ca.DM((array != 0).any(axis=0).astype(float)))
+    """Create the symbols of one frame, or of the one after it, for the given data arrays (frames first)."""
+    suffix = "_next" * offset
+    given, seen = [], {}
+    for key, array in arrays.items():
+        n_rows, n_columns = _shape(array)
+        matrix, entries = ca.SX.zeros(n_rows, n_columns), None
+        if array.ndim == 3 and "moment_arms" not in constants.differentiated:
+            entries = np.flatnonzero((array != 0).any(axis=0))
+        row, column = np.divmod(np.arange(n_rows * n_columns) if entries is None else entries, n_columns)
+        symbol = ca.SX.sym(f"{key[1]}{suffix}", row.size)
+        matrix[(column * n_rows + row).tolist()] = symbol
+        given.append(Given(key=key, symbol=symbol, entries=entries, offset=offset))
+        seen[key] = matrix
     unknowns = ca.SX.sym(f"x{suffix}", layout.size)
-    return FrameSymbols(layout=layout, unknowns=unknowns, data=data, seen=seen, constants=constants)
+    return FrameSymbols(layout=layout, unknowns=unknowns, given=tuple(given), seen=seen, constants=constants)
 
 
 @contextlib.contextmanager
@@ -324,11 +356,6 @@ def collect_data(problem: MuscleForceProblem) -> dict[tuple[str, str], FloatArra
                 )
             arrays[(term.name, name)] = array
     return arrays
-
-
-def column_major(array: FloatArray) -> FloatArray:
-    """Put the entries of each frame into the order of the symbols; frames stay first."""
-    return array.transpose(0, 2, 1) if array.ndim == 3 else array
 
 
 def _shape(array: FloatArray) -> tuple[int, int]:

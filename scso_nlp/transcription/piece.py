@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from scso_nlp.transcription.layout import column_major
+from scso_nlp.transcription.layout import Given
 from scso_nlp.validation import FloatArray, IntArray
 
 #: Who owns given numbers, and what they are called.
@@ -26,13 +26,12 @@ _MANY = 1000
 class Piece:
     """An expression of one frame, or of two neighbours, with the symbols it may have.
 
-    ``unknowns`` are one or two columns; ``given`` are (offset, key, symbol), offset 0 for the earlier and
-    1 for the later frame (always 0 for one-frame pieces).
+    ``unknowns`` are one or two columns.
     """
 
     expression: ca.SX
     unknowns: tuple[ca.SX, ...]
-    given: tuple[tuple[int, Key, ca.SX], ...]
+    given: tuple[Given, ...]
 
     @property
     def is_pair(self) -> bool:
@@ -45,17 +44,17 @@ class Piece:
         return ca.vertcat(*self.unknowns)
 
     @functools.cached_property
-    def data(self) -> tuple[tuple[int, Key, ca.SX], ...]:
+    def data(self) -> tuple[Given, ...]:
         """What is given that the expression depends on."""
-        return tuple(each for each in self.given if ca.depends_on(self.expression, each[2]))
+        return tuple(each for each in self.given if ca.depends_on(self.expression, each.symbol))
 
     def depends_on(self, keys: Container[Key]) -> bool:
         """Tell whether the expression depends on some of what is given."""
-        return any(key in keys and ca.depends_on(self.expression, symbol) for _, key, symbol in self.given)
+        return any(each.key in keys and ca.depends_on(self.expression, each.symbol) for each in self.given)
 
     def function(self, *outputs: ca.SX, more: tuple[ca.SX, ...] = ()) -> ca.Function:
         """Make a function of the unknowns, the data and more, with the expression or other outputs."""
-        inputs = [*self.unknowns, *(symbol for _, _, symbol in self.data), *more]
+        inputs = [*self.unknowns, *(each.symbol for each in self.data), *more]
         return ca.Function("piece", inputs, list(outputs) or [self.expression])
 
     def slope(self) -> ca.Function:
@@ -150,7 +149,7 @@ def evaluate(
     """
     n = len(unknowns) - piece.is_pair
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
-    inputs += [column_major(arrays[key][offset : offset + n]) for offset, key, _ in piece.data]
+    inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
     one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
     for part in frame_blocks(n):

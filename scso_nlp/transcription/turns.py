@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.transcription.describe import FrameProgram
+from scso_nlp.transcription.layout import Given
 from scso_nlp.transcription.piece import Derivatives, Key, Piece, curved, first_order
 from scso_nlp.transcription.rows import MatrixBlock, RowBlock, RowTable
 from scso_nlp.validation import FloatArray, IntArray
@@ -198,13 +199,13 @@ def _turned_constant(model: MatrixModel, arrays: Mapping[Key, FloatArray], turns
 def _curved_turns(block: MatrixBlock, n_turns: int, keys: tuple[Key, ...]) -> Piece:
     """Write the rows down as expressions, divided by their scale, with the arrays of the given names."""
     piece = block.piece
-    matrices = ca.SX.sym("matrices", n_turns, piece.expression.numel())
-    symbols = (matrices, constant := ca.SX.sym("constant", n_turns))
-    value = matrices @ piece.expression + constant
+    n_weights = piece.expression.numel()
+    symbols = ca.SX.sym("matrices", n_turns * n_weights), ca.SX.sym("constant", n_turns)
+    value = ca.reshape(symbols[0], n_weights, n_turns).T @ piece.expression + symbols[1]
     if block.missed is not None:
         value += piece.unknowns[0][block.missed]
     return replace(
         piece,
         expression=value,
-        given=(*piece.given, *((0, key, symbol) for key, symbol in zip(keys, symbols, strict=True))),
+        given=(*piece.given, *(Given(key=key, symbol=s) for key, s in zip(keys, symbols, strict=True))),
     )
