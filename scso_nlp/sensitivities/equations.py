@@ -127,11 +127,12 @@ class _Apart:
 
     def __init__(self, curvature: FloatArray, slopes: sp.csr_matrix, frame: IntArray) -> None:
         by_column = 1 / np.sqrt(curvature)
-        rows = slopes @ sp.diags(by_column)
-        length = np.sqrt(rows.multiply(rows).sum(axis=1).A1)
+        entries = slopes.data * by_column[slopes.indices]
+        row = np.repeat(np.arange(frame.size), np.diff(slopes.indptr))
+        length = np.sqrt(np.bincount(row, entries**2, minlength=frame.size))
         by_row = 1 / np.where(length > 0, length, 1.0)
         self.scale = np.concatenate([by_column, by_row])
-        self.rows = (sp.diags(by_row) @ rows).tocsr()
+        self.rows = sp.csr_matrix((entries * by_row[row], slopes.indices, slopes.indptr), slopes.shape)
         self.columns = self.rows.T.tocsr()
         _, first, which, n_rows = np.unique(frame, return_index=True, return_inverse=True, return_counts=True)
         self.place = (which, np.arange(frame.size) - first[which])

@@ -125,7 +125,7 @@ def _evaluated(
     lists = [[part for part in parts if part.row.size] for parts in lists]
     columns = [part.entries.nz[:] for parts in lists for part in parts]
     piece = replace(piece, expression=ca.veccat(*columns))
-    values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays) if columns else ())
+    values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays, once=True) if columns else ())
     return [
         [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]
         for parts in lists
@@ -141,4 +141,4 @@ def by_unknowns(
     """
     matrix = ca.jacobian(piece.expression, piece.all_unknowns)
     row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
-    return row, column, evaluate(piece, piece.function(matrix.nz[:]), unknowns, arrays)[0]
+    return row, column, evaluate(piece, piece.function(matrix.nz[:]), unknowns, arrays, once=True)[0]

@@ -6,6 +6,7 @@ The only place where arrays (frames first) and columns of symbols (one frame eac
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Set
@@ -226,7 +227,7 @@ class Given:
     def numbers(self, arrays: Mapping[tuple[str, str], FloatArray], frames: IntArray | slice) -> FloatArray:
         """Take the numbers of some frames, shape (n, n_entries)."""
         array = arrays[self.key][frames]
-        by_frame = array.reshape(len(array), -1)
+        by_frame = array.reshape(len(array), math.prod(array.shape[1:]))
         return by_frame if self.entries is None else by_frame[:, self.entries]
 
 

@@ -140,8 +140,19 @@ def evaluate(
     function: ca.Function,
     unknowns: FloatArray,
     arrays: Mapping[Key, FloatArray],
+    *,
+    once: bool = False,
 ) -> list[FloatArray]:
     """Evaluate a function of a piece for all frames (or pairs) at scaled unknowns (n_frames, size).
+
+    Parameters
+    ----------
+    piece : Piece
+    function : ca.Function
+    unknowns : ndarray, shape (n_frames, size)
+    arrays : mapping of (owner, name) to ndarray
+    once : bool
+        True if the function is of no more use.
 
     Returns
     -------
@@ -151,7 +162,7 @@ def evaluate(
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
     inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
-    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
+    one_by_one = once or max(function.n_instructions(), function.nnz_in()) > _MANY
     for part in frame_blocks(n):
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         wanted = [array[part] for array in outputs]
