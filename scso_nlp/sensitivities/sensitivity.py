@@ -344,6 +344,9 @@ class _Differentiated:
         )
         n, _, n_parameters = change.shape
         result = np.zeros((n, self.solution.tendon_force.shape[1], n_parameters))
+        if np.unique(row).size == row.size:  # one unknown a muscle
+            result[:, row] = entries[:, :, None] * change[:, column]
+            return result
         for i, (m, j) in enumerate(zip(row, column, strict=True)):
             result[:, m] += entries[:, i, None] * change[:, j]
         return result

@@ -21,6 +21,9 @@ _FRAMES_AT_ONCE = 128
 #: Functions of more instructions or inputs are called frame by frame: to make one for many takes longer.
 _MANY = 1000
 
+#: For fewer frames than this, a function that is of use once is called frame by frame, too.
+_FRAMES_FOR_ONCE = 256
+
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
@@ -162,7 +165,7 @@ def evaluate(
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
     inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in piece.data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
-    one_by_one = once or max(function.n_instructions(), function.nnz_in()) > _MANY
+    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY or (once and n < _FRAMES_FOR_ONCE)
     for part in frame_blocks(n):
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         wanted = [array[part] for array in outputs]
