@@ -28,7 +28,7 @@ from scso_nlp.solution import Solution
 from scso_nlp.solver.judge import unknowns_of
 from scso_nlp.transcription.by_data import MULTIPLIERS, weighted
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import first_order, second_order
+from scso_nlp.transcription.piece import first_order
 from scso_nlp.transcription.turns import matrix_models
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -63,13 +63,12 @@ class Conditions:
     def __init__(self, program: FrameProgram, solution: Solution) -> None:
         self.program, self.models = program, matrix_models(program)
         self.n, self.size = program.time.size, program.layout.size
-        self.costs = [second_order(piece, piece.all_unknowns) for _, piece in program.objectives]
+        self.costs = [piece.curvature for _, piece in program.objectives]
         self.curved = [
-            (rows, first_order(piece), second_order(weighted(piece), piece.all_unknowns))
-            for piece, rows in program.split.nonlinear
+            (rows, first_order(piece), weighted(piece).curvature) for piece, rows in program.split.nonlinear
         ]
         self.bent = [
-            None if model.is_affine else second_order(weighted(model.block.piece)) for model in self.models
+            None if model.is_affine else weighted(model.block.piece).curvature for model in self.models
         ]
         self.n_rows = (len(program.rows), len(program.pair_rows))
         n_pair = max(self.n - 1, 0)

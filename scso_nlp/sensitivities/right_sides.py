@@ -12,7 +12,9 @@ from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Changes
 from scso_nlp.sensitivities.turned import Turned
 from scso_nlp.transcription.by_data import Slopes, mixed_by_data
+from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.piece import Piece, evaluate
+from scso_nlp.transcription.rows import MatrixBlock
 from scso_nlp.validation import FloatArray, IntArray
 
 
@@ -41,26 +43,28 @@ class RightSides:
     matrices: tuple[FloatArray, ...]
 
 
-def right_sides(conditions: Conditions, changes: Changes) -> RightSides:
+def right_sides(conditions: Conditions, program: FrameProgram, changes: Changes) -> RightSides:
     """Evaluate how the conditions change with the given numbers, exactly.
 
     Parameters
     ----------
     conditions : Conditions
         Settled.
+    program : FrameProgram
+        Of the same problem, with symbols for what changes.
     changes : Changes
 
     Returns
     -------
     RightSides
     """
-    return _RightSides(conditions, changes).collected()
+    return _RightSides(conditions, program, changes).collected()
 
 
 class _RightSides:
-    def __init__(self, conditions: Conditions, changes: Changes) -> None:
+    def __init__(self, conditions: Conditions, program: FrameProgram, changes: Changes) -> None:
         self.conditions, self.changes = conditions, changes
-        self.program, self.point = conditions.program, conditions.point
+        self.program, self.point = program, conditions.point
         self.n, self.size = conditions.n, conditions.size
         self.n_parameters = changes.lower.shape[1]
         self.lagrangian = np.zeros((self.n * self.size, self.n_parameters))
@@ -91,7 +95,10 @@ class _RightSides:
             self.objective[is_pair:] += counted.reshape(
                 self.n - is_pair, n_rows[is_pair], self.n_parameters
             ).sum(axis=1)
-        of_matrices = [self._matrix(turned) for turned in self.conditions.turned]
+        of_matrices = [
+            self._matrix(turned, block)
+            for turned, block in zip(self.conditions.turned, self.program.matrices, strict=True)
+        ]
         return RightSides(
             lagrangian=self.lagrangian,
             rows=np.concatenate([rows, *(rows_of for _, rows_of in of_matrices)]),
@@ -130,10 +137,9 @@ class _RightSides:
                 change = product(slopes, self.changes, where)
                 goal[: len(change)] += change
 
-    def _matrix(self, turned: Turned) -> tuple[FloatArray, FloatArray]:
+    def _matrix(self, turned: Turned, block: MatrixBlock) -> tuple[FloatArray, FloatArray]:
         """Change of a matrix less its levels, and of its rows; that of the Lagrangian is added."""
         model, arrays = turned.model, self.program.arrays
-        block = model.block
         weights, by_unknowns = model.derivatives.at(self.point.x, arrays)
         n_weights, matrices = weights.shape[1], arrays[block.matrices]
         keys = self.changes.used

@@ -218,14 +218,15 @@ class _Differentiated:
     def __init__(self, solution: Solution, parameters: Sequence[str | Parameter]) -> None:
         wanted = [parameters] if isinstance(parameters, str) else parameters
         self.parameters = tuple(Parameter.of_text(p) if isinstance(p, str) else p for p in wanted)
-        self.solution, self.program = solution, program_of(solution)
+        self.solution = solution
+        self.program = program = program_of(solution)
         problem = replace(solution.problem, observed=())
         if symbols := symbols_for(self.parameters, problem):
-            self.program = describe(problem, symbols, self.program.split)
+            self.program = describe(problem, symbols, program.split)
         self.changes = changes_of(self.parameters, self.program)
-        self.conditions = Conditions(self.program, solution)
+        self.conditions = Conditions(program, solution)
         self.conditions.settle()
-        self.right: RightSides = right_sides(self.conditions, self.changes)
+        self.right: RightSides = right_sides(self.conditions, self.program, self.changes)
         self._look_at_bounds_that_move()
 
     def _look_at_bounds_that_move(self) -> None:

@@ -18,7 +18,7 @@ from scso_nlp.messages import COUNTS
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import Derivatives, Key, curved, second_order
+from scso_nlp.transcription.piece import Derivatives, Key, curved
 from scso_nlp.transcription.turns import part_of
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -198,7 +198,7 @@ class ConvexObjective:
     @classmethod
     def of(cls, program: FrameProgram) -> ConvexObjective:
         """Make the functions of a program's one-frame objectives."""
-        costs = tuple(second_order(piece) for _, piece in program.objectives)
+        costs = tuple(piece.curvature for _, piece in program.objectives)
         bent = (any(curved(cost.values, cost.piece.unknowns[0])) for cost in costs)
         separable = all((cost.row == cost.column).all() for cost in costs)
         return cls(costs=costs, is_quadratic=not any(bent), is_separable=separable)

@@ -68,6 +68,11 @@ class Piece:
     def _slope(self) -> ca.Function:
         return self.function(ca.densify(ca.gradient(self.expression, self.all_unknowns)))
 
+    @functools.cached_property
+    def curvature(self) -> Derivatives:
+        """Gradient of a scalar expression, and entries of its Hessian, by all unknowns."""
+        return second_order(self, self.all_unknowns)
+
     def values(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
         """Evaluate the expression for all frames (or pairs), shape (n_frames, n_rows)."""
         return evaluate(self, self._value, unknowns, arrays)[0]
