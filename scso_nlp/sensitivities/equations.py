@@ -14,6 +14,9 @@ from scso_nlp.validation import FloatArray, IntArray
 
 #: What is added to equations that are exactly singular, so that the other frames have their answer.
 _RIDGE = 1e-13
+#: Products of rows with themselves square how near to dependent these are: beyond this, the first half of the
+#: digits is lost [-].
+_WELL_POSED = 1e8
 _TINY = float(np.finfo(float).tiny)
 
 #: Entries of a matrix of all frames, with their rows and columns, each of shape (n, n_entries).
@@ -93,7 +96,9 @@ def factorised(
     """
     diagonal = hessian.diagonal()
     if frame is not None and hessian.count_nonzero() == diagonal.size and (diagonal > _TINY).all():
-        return _Apart(diagonal, slopes, frame)
+        apart = _Apart(diagonal, slopes, frame)
+        if np.abs(apart.inverse).max(initial=0.0) < _WELL_POSED:
+            return apart
     return _Together(hessian, slopes, curvature)
 
 
