@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import pickle
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from sensitivities.differences import changed, optimum, problem_of
 import scso_nlp as scso
 from scso_nlp import Regularity
 from scso_nlp.exceptions import DataError, NameMismatchError, ProblemError
+from scso_nlp.solver import described
 
 
 def pair(moment, exponent, lower=0.0):
@@ -237,3 +240,43 @@ def test_laws_and_costs_with_constants_of_their_own_are_seen(rng, quantity):
     slope = (above - below) / (2e-2 if quantity == "max_isometric_force" else 2e-4)
     assert np.abs(slope).max() > 0
     np.testing.assert_allclose(change.tendon_force[:, 0], slope, atol=1e-6 * np.abs(slope).max())
+
+
+def test_a_moment_arm_that_is_zero_in_all_frames_is_differentiated_by_too():
+    """A reserve of 1 N·m takes what the muscle would turn a second joint by; at rest it costs nothing."""
+    trajectory = motion(np.array([[[0.05, 0.03], [0.0, 0.0]]]), [[30.0, 0.0]], actuator_columns=[[0], [1]])
+    problem = scso.MuscleForceProblem(
+        motion=scso.Motion(
+            trajectory=trajectory,
+            muscles=muscle_parameters(trajectory.muscles, [1000.0, 1500.0], lower=0.0),
+            actuators=scso.ActuatorParameters(
+                actuators=trajectory.actuators, optimal_force=[1.0], min_control=[-9.0], max_control=[9.0]
+            ),
+        ),
+        muscle_model=scso.NoPhysiology(),
+        objectives=(scso.ActivationEffort(),),
+    )
+    solution = scso.solve_trajectory(problem)
+    change = scso.sensitivity(solution, ["moment_arms[q2/m1]"])
+    np.testing.assert_allclose(change.activation[0, 0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(change.control[0, 0], [-1000.0 * solution.activation[0, 0]], rtol=1e-9)
+
+
+@pytest.mark.parametrize("names", [["generalized_forces"], ["q", "max_isometric_force[m1]", "moment_arms"]])
+def test_a_solution_from_elsewhere_is_described_again(rng, names):
+    """A copy has no description from solving beside it."""
+    solution = scso.solve_trajectory(random_problem(rng))
+    change, again = (
+        scso.sensitivity(each, names) for each in (solution, pickle.loads(pickle.dumps(solution)))
+    )
+    for name in ("activation", "tendon_force", "frame_objective"):
+        np.testing.assert_allclose(getattr(again, name), getattr(change, name), rtol=1e-9, atol=1e-12)
+
+
+def test_descriptions_go_with_their_solutions(rng):
+    kept = len(described._KEPT)
+    solution = scso.solve_trajectory(random_problem(rng))
+    assert len(described._KEPT) == kept + 1
+    del solution
+    gc.collect()
+    assert len(described._KEPT) <= kept
