@@ -55,14 +55,16 @@ class Linear:
         scale = factors.scale.reshape(-1, *[1] * (right.ndim - 1))
         right = scale * right
         found = factors.solve(right)
-        found += factors.solve(right - factors.times(found))
-        return np.asarray(scale * found)
+        right -= factors.times(found)
+        found += factors.solve(right)
+        found *= scale
+        return found
 
     def answer_to_noise(self, n_frames: int) -> FloatArray:
         """Give the largest answer of each frame to random right sides near one, in scaled equations."""
         rng = np.random.default_rng(0)
         noise = rng.choice([-1.0, 1.0], (self.frame.size, 2))
-        found = np.abs(self.factors.solve(noise)).max(axis=1, initial=0.0)
+        found = np.maximum(*np.abs(self.factors.solve(noise)).T)
         largest = np.zeros(n_frames)
         np.maximum.at(largest, self.frame, np.nan_to_num(found, nan=np.inf))
         return largest

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.transcription.layout import Given
-from scso_nlp.transcription.piece import Key, Piece, evaluate, jacobian_by_rows
+from scso_nlp.transcription.piece import Key, Piece, evaluate_once, jacobian_by_rows
 from scso_nlp.validation import FloatArray, IntArray
 
 #: Where the multipliers of a weighted piece stand among the arrays.
@@ -124,8 +124,7 @@ def _evaluated(
     """Evaluate several lists of derivatives together; those without entries are left out."""
     lists = [[part for part in parts if part.row.size] for parts in lists]
     columns = [part.entries.nz[:] for parts in lists for part in parts]
-    piece = replace(piece, expression=ca.veccat(*columns))
-    values = iter(evaluate(piece, piece.function(*columns), unknowns, arrays, once=True) if columns else ())
+    values = iter(evaluate_once(piece, columns, unknowns, arrays) if columns else ())
     return [
         [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]
         for parts in lists
@@ -141,4 +140,4 @@ def by_unknowns(
     """
     matrix = ca.jacobian(piece.expression, piece.all_unknowns)
     row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
-    return row, column, evaluate(piece, piece.function(matrix.nz[:]), unknowns, arrays, once=True)[0]
+    return row, column, evaluate_once(piece, [matrix.nz[:]], unknowns, arrays)[0]

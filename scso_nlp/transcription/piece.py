@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Container, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ _FRAMES_AT_ONCE = 128
 #: Functions of more instructions or inputs are called frame by frame: to make one for many takes longer.
 _MANY = 1000
 
-#: For fewer frames than this, a function that is of use once is called frame by frame, too.
+#: For fewer frames than this, so is a function that is of use once.
 _FRAMES_FOR_ONCE = 256
 
 
@@ -148,29 +148,43 @@ def evaluate(
     function: ca.Function,
     unknowns: FloatArray,
     arrays: Mapping[Key, FloatArray],
-    *,
-    once: bool = False,
 ) -> list[FloatArray]:
     """Evaluate a function of a piece for all frames (or pairs) at scaled unknowns (n_frames, size).
-
-    Parameters
-    ----------
-    piece : Piece
-    function : ca.Function
-    unknowns : ndarray, shape (n_frames, size)
-    arrays : mapping of (owner, name) to ndarray
-    once : bool
-        True if the function is of no more use.
 
     Returns
     -------
     list of ndarray, shape (n_frames or n_frames - 1, n_output_nonzeros)
     """
+    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
+    return _evaluated(piece, piece.data, function, unknowns, arrays, one_by_one=one_by_one)
+
+
+def evaluate_once(
+    piece: Piece, outputs: Sequence[ca.SX], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
+) -> list[FloatArray]:
+    """Evaluate outputs of a piece as :func:`evaluate` does, by a function that is of no more use."""
+    if len(unknowns) >= _FRAMES_FOR_ONCE:
+        piece = replace(piece, expression=ca.veccat(*outputs))
+        return evaluate(piece, piece.function(*outputs), unknowns, arrays)
+    inputs = [*piece.unknowns, *(each.symbol for each in piece.given)]  # what they depend on takes longer
+    function = ca.Function("piece", inputs, outputs)
+    return _evaluated(piece, piece.given, function, unknowns, arrays, one_by_one=True)
+
+
+def _evaluated(
+    piece: Piece,
+    data: Sequence[Given],
+    function: ca.Function,
+    unknowns: FloatArray,
+    arrays: Mapping[Key, FloatArray],
+    *,
+    one_by_one: bool,
+) -> list[FloatArray]:
+    """Evaluate a function of the unknowns of a piece and of data."""
     n = len(unknowns) - piece.is_pair
     inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
-    inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in piece.data]
+    inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in data]
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
-    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY or (once and n < _FRAMES_FOR_ONCE)
     for part in frame_blocks(n):
         given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
         wanted = [array[part] for array in outputs]
