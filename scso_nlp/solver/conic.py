@@ -1,7 +1,8 @@
 """A small conic solver in NumPy: quadratic programs with one matrix inequality each.
 
 All frames take their interior-point steps together, see :mod:`scso_nlp.solver.interior_point`. The answers
-are used only to choose rows, see :mod:`scso_nlp.solver.refine`, and to say what is out of reach.
+are used only to choose rows, see :mod:`scso_nlp.solver.refine`, to say what is out of reach, and as
+certificates that are checked by multiplication, see :mod:`scso_nlp.solver.extreme_cones`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from scso_nlp.solver.interior_point import (
     Frames,
     absorbed,
     first_point,
-    is_small,
     largest_gradient,
+    largest_residual,
     moved,
+    pushed_rows,
     residual_at,
     some,
     step_from,
@@ -30,8 +32,8 @@ _MAX_ITERATIONS = 100
 #: Relative residuals and gap at which a frame is done.
 _TOLERANCE = 1e-10
 
-#: The same for a frame that does not get on: good enough to tell the turns.
-_LOOSE_TOLERANCE = 1e-6
+#: The same for a frame that does not get on, or not any further: good enough to tell the turns.
+_LOOSE_TOLERANCE, _MOST_IN_VAIN = 1e-6, 5
 
 #: Costs are measured by their gradient, but by no less than this share of the gradient at the start.
 _LEAST_COST = 1e-6
@@ -100,6 +102,8 @@ class MatrixProgramAnswer:
     multiplier : ndarray, shape (n_frames, size, size)
         Of the matrix inequality; its range is the null space of the matrix at the optimum. NaN where not
         solved.
+    row_multiplier : ndarray, shape (n_frames, n_equations + n_rows)
+        Rise of the cost per rise of each target, then of each least value of a row. NaN where not solved.
     upper_multiplier : ndarray, shape (n_frames, n)
         Fall of the cost per rise of each upper bound; 0 without one. NaN where not solved.
     is_solved : ndarray of bool, shape (n_frames,)
@@ -109,13 +113,15 @@ class MatrixProgramAnswer:
 
     x: FloatArray
     multiplier: FloatArray
+    row_multiplier: FloatArray
     upper_multiplier: FloatArray
     is_solved: BoolArray
     iterations: int
 
 
-#: Model of the frames with the given indices near their unknowns (n_frames_given, n).
-Remodel = Callable[[FloatArray, IntArray], MatrixProgram]
+#: Model of the frames with the given indices near their unknowns (n_frames_given, n), where their rows push
+#: with (n_frames_given, n_rows).
+Remodel = Callable[[FloatArray, IntArray, FloatArray], MatrixProgram]
 
 
 def solve_matrix_programs(
@@ -127,9 +133,10 @@ def solve_matrix_programs(
     ----------
     program : MatrixProgram
     remodel : callable, optional
-        For costs that are not quadratic and matrices that are not affine: called before every step, it
-        returns the program whose quadratic cost, affine rows and affine matrix have the right values and
-        derivatives at the unknowns given. Bounds must stay.
+        For costs that are not quadratic, and rows and matrices that are not affine: called before every
+        step, it returns the program whose quadratic cost, affine rows and affine matrix have the right values
+        and derivatives at the unknowns given; the curvature of rows, times what they push with, may be part of
+        the cost's. Bounds must stay.
     start : ndarray, shape (n_frames, n), optional
         Unknowns to begin with; those close to a bound are moved inside.
 
@@ -151,24 +158,35 @@ def solve_matrix_programs(
     answer = np.full((n_frames, n), np.nan)
     multiplier = np.full(program.constant.shape, np.nan)
     upper_multiplier = np.full((n_frames, n), np.nan)
-    is_solved = np.zeros(n_frames, dtype=bool)
+    row_multiplier = np.full((n_frames, frames.row_scale.shape[1]), np.nan)
+    least, best = np.full(n_frames, np.inf), np.full(n_frames, _MAX_ITERATIONS)
     left = np.arange(n_frames)
     point = first_point(frames, start)
     iterations = 0
     # An infeasible frame runs away until its numbers are not finite; that frame alone is then dropped.
     with np.errstate(all="ignore"):
-        frames = _scaled(program if remodel is None else remodel(point.x, left), frames)
+        if remodel is not None:
+            frames = _scaled(remodel(point.x, left, pushed_rows(frames, point)), frames)
         frames = replace(frames, least_cost=_LEAST_COST * largest_gradient(frames, point))
         length = np.ones(n_frames)
         for iterations in range(_MAX_ITERATIONS):
             residual = residual_at(frames, point)
-            stuck = ~(length > _SHORTEST_STEP) | (iterations == _MAX_ITERATIONS - 1)
-            done = is_small(frames, point, residual, np.where(stuck, _LOOSE_TOLERANCE, _TOLERANCE))
-            now = left[done]
-            answer[now], is_solved[now] = point.x[done], True
-            multiplier[now] = _of_null_space(point.multiplier[done], point.slack[done])
-            multiplier[now] /= frames.scale[done, None, None]
-            upper_multiplier[now] = point.limit_multiplier[done, n : 2 * n]
+            worst = largest_residual(frames, point, residual)
+            better = (worst <= _LOOSE_TOLERANCE) & (worst < least[left])
+            now = left[better]
+            least[now], best[now] = worst[better], iterations
+            answer[now] = point.x[better]
+            multiplier[now] = _of_null_space(point.multiplier[better], point.slack[better])
+            multiplier[now] /= frames.scale[better, None, None]
+            row_multiplier[now] = np.hstack(
+                [
+                    point.equation_multiplier[better] / frames.row_scale[better, : frames.targets.shape[1]],
+                    pushed_rows(frames, point)[better],
+                ]
+            )
+            upper_multiplier[now] = point.limit_multiplier[better, n : 2 * n]
+            done = least[left] <= _TOLERANCE
+            stuck = ~(length > _SHORTEST_STEP) | (iterations - best[left] > _MOST_IN_VAIN)
             go_on = ~(done | stuck) & np.isfinite(residual.mean_product) & np.isfinite(point.x).all(axis=1)
             if not go_on.any():
                 break
@@ -178,14 +196,15 @@ def solve_matrix_programs(
             step, length = step_from(frames, point, residual)
             point = moved(point, step, length)
             if remodel is not None:
-                model = _scaled(remodel(point.x, left), frames)
+                model = _scaled(remodel(point.x, left, pushed_rows(frames, point)), frames)
                 frames = replace(model, least_cost=frames.least_cost)
                 point = absorbed(frames, point)
     return MatrixProgramAnswer(
         x=answer,
         multiplier=multiplier,
+        row_multiplier=row_multiplier,
         upper_multiplier=upper_multiplier,
-        is_solved=is_solved,
+        is_solved=np.isfinite(least),
         iterations=iterations,
     )
 
@@ -232,6 +251,7 @@ def highest_eigenvalues(program: MatrixProgram) -> MatrixProgramAnswer:
     return MatrixProgramAnswer(
         x=answer.x[:, :n],
         multiplier=answer.multiplier * scale[:, None, None],
+        row_multiplier=answer.row_multiplier * scale[:, None],
         upper_multiplier=answer.upper_multiplier[:, :n] * scale[:, None],
         is_solved=answer.is_solved,
         iterations=answer.iterations,

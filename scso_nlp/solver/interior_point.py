@@ -158,23 +158,30 @@ def residual_at(frames: Frames, point: Point) -> Residual:
     )
 
 
+def pushed_rows(frames: Frames, point: Point) -> FloatArray:
+    """Multipliers of the rows of the program, without their scale, shape (n_frames, n_rows)."""
+    n, n_equations = frames.linear.shape[1], frames.targets.shape[1]
+    return point.limit_multiplier[:, 2 * n :] / frames.row_scale[:, n_equations:]
+
+
 def absorbed(frames: Frames, point: Point) -> Point:
-    """Let the multipliers of lower bounds take up what stationarity lacks, where they change little.
+    """Let multipliers of lower bounds and slacks of rows take up what is missing, where they change little.
 
     A cost such as x^1.5 has no second derivative at a bound of zero: Newton's steps leave an error in the
-    gradient there that falls too slowly, and means nothing.
+    gradient there that falls too slowly, and means nothing; nor does what a curved row leaves that is kept.
     """
     n = frames.linear.shape[1]
-    of_low = point.limit_multiplier[:, :n]
-    missing = residual_at(frames, point).stationarity
-    little = np.abs(missing) <= 0.5 * of_low
-    multiplier = point.limit_multiplier.copy()
-    multiplier[:, :n] = of_low - np.where(little, missing, 0.0)
-    return replace(point, limit_multiplier=multiplier)
+    of_low, of_rows = point.limit_multiplier[:, :n], point.limit_slack[:, 2 * n :]
+    residual = residual_at(frames, point)
+    multiplier, slack = point.limit_multiplier.copy(), point.limit_slack.copy()
+    missing, left = residual.stationarity, residual.limits[:, 2 * n :]
+    multiplier[:, :n] = of_low - np.where(np.abs(missing) <= 0.5 * of_low, missing, 0.0)
+    slack[:, 2 * n :] = of_rows + np.where(np.abs(left) <= 0.5 * of_rows, left, 0.0)
+    return replace(point, limit_multiplier=multiplier, limit_slack=slack)
 
 
-def is_small(frames: Frames, point: Point, residual: Residual, tolerance: FloatArray) -> BoolArray:
-    """Tell which frames are done.
+def largest_residual(frames: Frames, point: Point, residual: Residual) -> FloatArray:
+    """Give the largest relative residual or gap of each frame.
 
     Parameters
     ----------
@@ -182,22 +189,22 @@ def is_small(frames: Frames, point: Point, residual: Residual, tolerance: FloatA
     point : Point
     residual : Residual
         At the point.
-    tolerance : ndarray, shape (n_frames,) [-]
 
     Returns
     -------
-    ndarray of bool, shape (n_frames,)
+    ndarray, shape (n_frames,) [-]
     """
     cost = np.maximum(largest_gradient(frames, point), frames.least_cost)
     target = 1.0 + np.abs(frames.targets).max(axis=1, initial=0.0)
     limit = 1.0 + np.abs(frames.limits).max(axis=1, initial=0.0)
-    return (
-        (np.abs(residual.stationarity).max(axis=1) <= tolerance * cost)
-        & (np.abs(residual.equations).max(axis=1, initial=0.0) <= tolerance * target)
-        & (np.abs(residual.slack).max(axis=(1, 2)) <= tolerance)
-        & (np.abs(residual.limits).max(axis=1, initial=0.0) <= tolerance * limit)
-        & (residual.mean_product <= tolerance * cost)
+    parts = (
+        np.abs(residual.stationarity).max(axis=1) / cost,
+        np.abs(residual.equations).max(axis=1, initial=0.0) / target,
+        np.abs(residual.slack).max(axis=(1, 2)),
+        np.abs(residual.limits).max(axis=1, initial=0.0) / limit,
+        residual.mean_product / cost,
     )
+    return np.asarray(np.max(parts, axis=0))
 
 
 def step_from(frames: Frames, point: Point, residual: Residual) -> tuple[Point, FloatArray]:
@@ -244,9 +251,11 @@ def _newton_matrix(frames: Frames, point: Point, inverse: FloatArray) -> FloatAr
     n_frames, n, _ = frames.matrices.shape
     n_equations = frames.targets.shape[1]
     total = n + n_equations
-    cube = frames.matrices.reshape(n_frames, n, *frames.constant.shape[1:])
-    product = point.multiplier[:, None] @ cube @ inverse[:, None]
-    schur = frames.matrices @ product.transpose(0, 1, 3, 2).reshape(n_frames, n, -1).transpose(0, 2, 1)
+    size = frames.constant.shape[1]
+    below = frames.matrices.reshape(n_frames, n * size, size)  # all G_i, one below the other
+    held = (below @ point.multiplier).reshape(n_frames, n, -1)
+    turned = (below @ inverse).reshape(n_frames, n, size, size).transpose(0, 1, 3, 2)
+    schur = held @ turned.reshape(n_frames, n, -1).transpose(0, 2, 1)
     newton = np.zeros((n_frames, total, total))
     newton[:, :n, :n] = frames.quadratic + (schur + schur.transpose(0, 2, 1)) / 2
     ratio = point.limit_multiplier / point.limit_slack

@@ -203,7 +203,11 @@ def _deciding_turns(
         first = model.matrix_program(matrix, start, part, coupling)
 
         def near(
-            here: FloatArray, which: IntArray, part: IntArray = part, first: MatrixProgram = first
+            here: FloatArray,
+            which: IntArray,
+            _: FloatArray | None = None,
+            part: IntArray = part,
+            first: MatrixProgram = first,
         ) -> MatrixProgram:
             return model.matrix_program(matrix, here, part[which], coupling, first.frames(which))
 

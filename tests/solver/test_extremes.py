@@ -9,17 +9,19 @@ import helpers
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conic_oracle import hessian_problem
+from conic_oracle import SCALE, full_frame, hessian_problem
 from helpers import elbow, frame_arrays, random_problem
 
 import scso_nlp as scso
 from scso_nlp.exceptions import ProblemError
+from scso_nlp.solver import extremes
 
 
-def least_by_clarabel(problem, k, cost, most, exponent=2.0):
+def least_by_clarabel(problem, k, cost, most, exponent=2.0, matrices=()):
     """Least cost'x with A x = b, G x >= h, bounds and sum w |x|^p <= most, by a conic solver.
 
-    For p other than 2 every power has a bound t of its own: (t, 1, x) in the power cone of 1/p.
+    For p other than 2 every power has a bound t of its own: (t, 1, x) in the power cone of 1/p. Pairs (M, K)
+    of `matrices` are matrix inequalities K + sum x_i M_i ⪰ 0.
     """
     weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
     n = a.shape[1]
@@ -41,7 +43,17 @@ def least_by_clarabel(problem, k, cost, most, exponent=2.0):
         ends = [1.0, *np.tile([0.0, 1.0, 0.0], n)]
         cones += [clarabel.NonnegativeConeT(1), *[clarabel.PowerConeT(1 / exponent)] * n]
         cost = np.concatenate([cost, np.zeros(n)])
-    matrix, right = sp.csc_matrix(matrix), np.concatenate([b, limits, ends])
+    right = np.concatenate([b, limits, ends])
+    for slopes, constant in matrices:
+        size = len(constant)
+        pairs = [(i, j) for j in range(size) for i in range(j + 1)]
+        factor = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in pairs]) / SCALE
+        pick = tuple(np.array(pairs).T)
+        below = np.zeros((len(pairs), matrix.shape[1]))
+        below[:, :n] = -(slopes[(slice(None), *pick)] * factor).T
+        matrix, right = np.vstack([matrix, below]), np.concatenate([right, constant[pick] * factor])
+        cones.append(clarabel.PSDTriangleConeT(size))
+    matrix = sp.csc_matrix(matrix)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
@@ -100,6 +112,39 @@ def test_extremes_at_other_exponents_are_those_of_power_cones(exponent, reserve,
         np.testing.assert_allclose([found.least[0, m], found.greatest[0, m]], [low, high], atol=1e-5)
         assert found.certified_least[0, m] <= low + 1e-5
         assert found.certified_greatest[0, m] >= high - 1e-5
+
+
+@pytest.mark.parametrize(
+    ("effort", "exponent", "reserve"), [(0.05, 2.0, None), (0.3, 2.0, 5.0), (100.0, 2.0, None), (0.05, 1.5, None), (0.3, 3.0, 5.0)]
+)
+def test_extremes_with_a_whole_hessian_are_those_of_a_conic_solver(effort, exponent, reserve):
+    rng = np.random.default_rng([19, int(10 * effort)])
+    problem = hessian_problem(rng, n_frames=2, n_muscles=9, n_coordinates=3, exponent=exponent, reserve=reserve)
+    solution = scso.solve_trajectory(problem)
+    found = scso.ranges(solution, effort=effort)
+    assert found.gap < 1e-6
+    assert found.rows == ("q1", "q2", "q3")
+    for k in range(2):
+        matrices, constant = full_frame(problem, k)[2]
+        x = np.concatenate([solution.activation[k], solution.control[k]])
+        most = (1 + effort) * float((np.abs(x) ** exponent).sum())
+
+        def least(cost, k=k, most=most, matrix=(matrices, constant)):
+            return least_by_clarabel(problem, k, cost, most, exponent, [matrix])
+
+        for m in range(9):
+            cost = np.eye(x.size)[m]
+            low, high = least(cost), -least(-cost)
+            np.testing.assert_allclose([found.least[k, m], found.greatest[k, m]], [low, high], atol=1e-5)
+            assert found.certified_least[k, m] <= low + 1e-5
+            assert found.certified_greatest[k, m] >= high - 1e-5
+        for i in range(3):
+            cost, own = matrices[:, i, i], constant[i, i]
+            low, high = own + least(cost), own - least(-cost)
+            attained = found.least_stability[k, i], found.greatest_stability[k, i]
+            np.testing.assert_allclose(attained, [low, high], atol=1e-3)
+            certified = found.certified_least_stability[k, i], found.certified_greatest_stability[k, i]
+            np.testing.assert_allclose(certified, attained, atol=1e-4)
 
 
 def test_no_pattern_that_keeps_everything_leaves_the_ranges(rng):
@@ -174,9 +219,9 @@ def test_what_has_no_ranges_is_refused(rng):
         other = dataclasses.replace(problem, objectives=costs)
         with pytest.raises(ProblemError, match="sum of squares, or of one power"):
             scso.ranges(dataclasses.replace(solution, problem=other))
-    whole = hessian_problem(rng, stability=scso.HessianStability(level=-1e6))
-    with pytest.raises(ProblemError, match="HessianStability keeps a whole matrix: take CoordinateStability"):
-        scso.ranges(scso.solve_trajectory(whole))
+    bent = hessian_problem(rng, n_frames=1, stability=scso.HessianStability(stiffness=Bent()))
+    with pytest.raises(ProblemError, match="affine in the unknowns, but that of HessianStability is not"):
+        scso.ranges(dataclasses.replace(scso.solve_trajectory(problem.frames([0])), problem=bent))
     coupled = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
     with pytest.raises(ProblemError, match="frames that are apart"):
         scso.ranges(dataclasses.replace(solution, problem=coupled))

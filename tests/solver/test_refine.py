@@ -184,7 +184,7 @@ def test_numbers_that_are_not_finite_spoil_their_own_frame_only(rng):
 def test_a_curved_cost_modelled_anew_at_every_step_has_the_optimum_of_clarabel(rng, exponent):
     program = random_program(rng, n_frames=4, n=10)
 
-    def model(x, frames):
+    def model(x, frames, _):
         second = exponent * (exponent - 1) * x ** (exponent - 2)
         return dataclasses.replace(
             program,

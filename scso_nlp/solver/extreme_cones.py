@@ -1,0 +1,108 @@
+r"""Extremes of a frame with a matrix inequality, by an interior-point method.
+
+.. math:: \min_x c^T x \;\text{s.t.}\; E(x) \le \beta,\; G(x) \succeq 0,\; \text{rows and bounds}
+
+All costs of a frame take their steps together, see :mod:`scso_nlp.solver.conic`; effort is a row, whose
+curvature counts as that of the cost.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scso_nlp.solver.conic import MatrixProgram, solve_matrix_programs
+from scso_nlp.solver.near_optimum import Extremes, Matrix, NearOptimum
+from scso_nlp.validation import FloatArray, IntArray
+
+#: Costs that take their steps together; bounds the memory.
+_COSTS_AT_ONCE = 64
+#: A cost nearer than this to what bounds alone allow is at its least.
+_SIDES = 1e-10
+
+
+def extremes_by_cones(frame: NearOptimum, matrix: Matrix) -> Extremes:
+    """Find the extremes of a frame; where none is found, what is attained is the optimum.
+
+    Parameters
+    ----------
+    frame : NearOptimum
+    matrix : Matrix
+
+    Returns
+    -------
+    Extremes
+    """
+    n_costs, size = len(frame.costs), len(matrix.constant)
+    points = np.tile(frame.optimum, (n_costs, 1))
+    multipliers, weight = np.zeros((n_costs, len(frame.rows))), np.zeros(n_costs)
+    of_matrix = np.zeros((n_costs, size, size))
+    lowest = frame.costs @ frame.optimum <= frame.floor + _SIDES
+    wanted = np.flatnonzero(frame.is_open & ~lowest)
+    for part in np.array_split(wanted, -(-wanted.size // _COSTS_AT_ONCE)) if wanted.size else ():
+        program = _Program(frame, matrix, frame.costs[part])
+        start = np.tile(frame.optimum, (part.size, 1))
+        nothing = np.zeros((part.size, program.n_rows))
+        answer = solve_matrix_programs(program(start, np.arange(part.size), nothing), program, start)
+        good = answer.is_solved
+        found = part[good]
+        points[found] = np.clip(answer.x[good], frame.lower, frame.upper)
+        multipliers[found], weight[found] = program.multipliers(answer.row_multiplier[good])
+        multipliers[found] *= program.size[good, None]
+        weight[found] *= program.size[good]
+        of_matrix[found] = program.size[good, None, None] * answer.multiplier[good]
+    return Extremes(points=points, multipliers=multipliers, weight=weight, of_matrix=of_matrix)
+
+
+class _Program:
+    """Some costs of a frame, near points: the model that the interior-point method asks for.
+
+    Rows are those with a least, those with a greatest value, and effort, last.
+    """
+
+    def __init__(self, frame: NearOptimum, matrix: Matrix, costs: FloatArray) -> None:
+        self.frame, self.matrix = frame, matrix
+        self.size = np.abs(costs).max(axis=1)
+        self.costs = costs / self.size[:, None]
+        equal = frame.low == frame.high
+        self.equations = np.flatnonzero(equal)
+        self.at_least = np.flatnonzero(~equal & np.isfinite(frame.low))
+        self.at_most = np.flatnonzero(~equal & np.isfinite(frame.high))
+        self.rows = np.vstack([frame.rows[self.at_least], -frame.rows[self.at_most]])
+        self.least = np.concatenate([frame.low[self.at_least], -frame.high[self.at_most]])
+        self.n_rows = len(self.rows) + 1
+
+    def __call__(self, x: FloatArray, which: IntArray, push: FloatArray) -> MatrixProgram:
+        frame, count, n = self.frame, *x.shape
+        effort, gradient = frame.effort.value(x), frame.effort.gradient(x)
+        bent = push[:, -1:] * frame.effort.curvature(x)
+        quadratic = np.zeros((count, n, n))
+        quadratic[:, np.arange(n), np.arange(n)] = bent
+
+        def each(one: FloatArray) -> FloatArray:
+            return np.broadcast_to(one, (count, *one.shape))
+
+        left = effort - (gradient * x).sum(axis=1) - frame.most
+        return MatrixProgram(
+            quadratic=quadratic,
+            linear=self.costs[which] - bent * x,
+            equations=each(frame.rows[self.equations]),
+            targets=each(frame.low[self.equations]),
+            rows=np.concatenate([each(self.rows), -gradient[:, None]], axis=1),
+            least=np.concatenate([each(self.least), left[:, None]], axis=1),
+            lower=each(frame.lower),
+            upper=each(frame.upper),
+            matrices=each(self.matrix.slopes),
+            constant=each(self.matrix.constant),
+        )
+
+    def multipliers(self, push: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of the rows of the frame, and of effort, by what the rows of the program push with."""
+        n_equations, n_least = self.equations.size, self.at_least.size
+        of_equations, of_least, of_most, of_effort = np.split(
+            push, np.cumsum([n_equations, n_least, self.at_most.size]), axis=1
+        )
+        y = np.zeros((len(push), len(self.frame.rows)))
+        y[:, self.equations] = -of_equations
+        y[:, self.at_least] -= of_least
+        y[:, self.at_most] += of_most
+        return y, of_effort[:, 0]
