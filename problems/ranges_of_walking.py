@@ -28,6 +28,7 @@ ROWS = {
     "axes that a coordinate turns": scso.JointStability(joints=_JOINTS),
     "all axes": scso.JointStability(joints=_JOINTS, axes=("x", "y", "z")),
     "coordinates": scso.CoordinateStability(coordinates=_COORDINATES),
+    "whole Hessian": scso.HessianStability(coordinates=_COORDINATES),
 }
 
 

@@ -38,6 +38,10 @@ _LOOSE_TOLERANCE, _MOST_IN_VAIN = 1e-6, 5
 #: Costs are measured by their gradient, but by no less than this share of the gradient at the start.
 _LEAST_COST = 1e-6
 
+#: Where costs or rows are curved, steps are damped by this much of what stationarity lacks (Li, Fukushima, Qi
+#: and Yamashita 2004, Comput Optim Appl 28:131-147): high powers have no curvature of their own near zero.
+_DAMPING = 0.1
+
 #: A frame whose step is shorter than this does not get on: it is infeasible, or out of digits.
 _SHORTEST_STEP = 1e-8
 
@@ -133,10 +137,10 @@ def solve_matrix_programs(
     ----------
     program : MatrixProgram
     remodel : callable, optional
-        For costs that are not quadratic, and rows and matrices that are not affine: called before every
-        step, it returns the program whose quadratic cost, affine rows and affine matrix have the right values
-        and derivatives at the unknowns given; the curvature of rows, times what they push with, may be part of
-        the cost's. Bounds must stay.
+        For costs that are not quadratic, rows and matrices that are not affine: called before every step, it
+        returns the program whose quadratic cost, affine rows and affine matrix have the right values and
+        derivatives at the unknowns given; the curvature of rows, times what they push with, may be part of
+        that of the cost. Bounds must stay.
     start : ndarray, shape (n_frames, n), optional
         Unknowns to begin with; those close to a bound are moved inside.
 
@@ -167,7 +171,9 @@ def solve_matrix_programs(
     with np.errstate(all="ignore"):
         if remodel is not None:
             frames = _scaled(remodel(point.x, left, pushed_rows(frames, point)), frames)
-        frames = replace(frames, least_cost=_LEAST_COST * largest_gradient(frames, point))
+        damping = np.full(n_frames, 0.0 if remodel is None else _DAMPING)
+        least_cost = _LEAST_COST * largest_gradient(frames, point)
+        frames = replace(frames, least_cost=least_cost, damping=damping)
         length = np.ones(n_frames)
         for iterations in range(_MAX_ITERATIONS):
             residual = residual_at(frames, point)
@@ -197,7 +203,7 @@ def solve_matrix_programs(
             point = moved(point, step, length)
             if remodel is not None:
                 model = _scaled(remodel(point.x, left, pushed_rows(frames, point)), frames)
-                frames = replace(model, least_cost=frames.least_cost)
+                frames = replace(model, least_cost=frames.least_cost, damping=frames.damping)
                 point = absorbed(frames, point)
     return MatrixProgramAnswer(
         x=answer,
@@ -301,6 +307,7 @@ def _scaled(program: MatrixProgram, like: Frames | None = None) -> Frames:
         scale=scale,
         row_scale=row_scale,
         least_cost=np.zeros(n_frames),
+        damping=np.zeros(n_frames),
     )
 
 

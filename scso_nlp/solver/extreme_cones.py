@@ -18,10 +18,14 @@ from scso_nlp.validation import FloatArray, IntArray
 _COSTS_AT_ONCE = 64
 #: A cost nearer than this to what bounds alone allow is at its least.
 _SIDES = 1e-10
+#: A point that misses something by more is not attained [-].
+_KEPT = 1e-8
+#: Powers below 2 have an infinite curvature at zero: it is taken no nearer to it [-].
+_BESIDE = 1e-30
 
 
 def extremes_by_cones(frame: NearOptimum, matrix: Matrix) -> Extremes:
-    """Find the extremes of a frame; where none is found, what is attained is the optimum.
+    """Find the extremes of a frame; where none is found that keeps everything, the optimum is attained.
 
     Parameters
     ----------
@@ -45,12 +49,24 @@ def extremes_by_cones(frame: NearOptimum, matrix: Matrix) -> Extremes:
         answer = solve_matrix_programs(program(start, np.arange(part.size), nothing), program, start)
         good = answer.is_solved
         found = part[good]
-        points[found] = np.clip(answer.x[good], frame.lower, frame.upper)
-        multipliers[found], weight[found] = program.multipliers(answer.row_multiplier[good])
-        multipliers[found] *= program.size[good, None]
-        weight[found] *= program.size[good]
-        of_matrix[found] = program.size[good, None, None] * answer.multiplier[good]
+        x = np.clip(answer.x[good], frame.lower, frame.upper)
+        kept = _missed(frame, matrix, x) <= _KEPT
+        points[found[kept]] = x[kept]
+        size = program.size[good, None]
+        multipliers[found], weight[found] = program.multipliers(size * answer.row_multiplier[good])
+        of_matrix[found] = size[:, :, None] * answer.multiplier[good]
     return Extremes(points=points, multipliers=multipliers, weight=weight, of_matrix=of_matrix)
+
+
+def _missed(frame: NearOptimum, matrix: Matrix, x: FloatArray) -> FloatArray:
+    """Largest amount by which points miss rows, effort or the matrix inequality, over their sizes."""
+    value = x @ frame.rows.T
+    sides = np.abs(np.clip(value, frame.low, frame.high))
+    rows = np.abs(value - np.clip(value, frame.low, frame.high)) / (1 + sides)
+    size = max(np.abs(matrix.constant).max(), np.abs(matrix.slopes).max(initial=0.0)) or 1.0
+    least = np.linalg.eigvalsh(matrix.constant + np.tensordot(x, matrix.slopes, 1))[:, 0]
+    effort = frame.effort.value(x) / frame.most - 1
+    return np.asarray(np.max([rows.max(axis=1, initial=0.0), effort, -least / size], axis=0))
 
 
 class _Program:
@@ -74,7 +90,7 @@ class _Program:
     def __call__(self, x: FloatArray, which: IntArray, push: FloatArray) -> MatrixProgram:
         frame, count, n = self.frame, *x.shape
         effort, gradient = frame.effort.value(x), frame.effort.gradient(x)
-        bent = push[:, -1:] * frame.effort.curvature(x)
+        bent = push[:, -1:] * frame.effort.curvature(np.maximum(np.abs(x), _BESIDE))
         quadratic = np.zeros((count, n, n))
         quadratic[:, np.arange(n), np.arange(n)] = bent
 

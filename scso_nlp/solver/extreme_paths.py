@@ -80,20 +80,21 @@ class Paths:
 
     def _on_path(self, cost: FloatArray, s: float, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Least E + s cost'x, sought from a point x on, and multipliers of the rows; None if not found."""
-        if self.frame.effort.exponent == 2:
-            self.model.update(f=self.frame.effort.slope + s * cost)
+        effort = self.frame.effort
+        if effort.exponent == 2:
+            self.model.update(f=effort.slope + s * cost)
             return self._solved()
         for n_steps in range(_MOST_STEPS):
-            gradient, curvature = self.frame.effort.gradient(x) + s * cost, self._curvature(x, n_steps)
+            gradient, curvature = effort.gradient(x) + s * cost, self._curvature(x, n_steps)
             self.model.update(H=np.diag(curvature), f=gradient - curvature * x)
             solved = self._solved()
             if solved is None:
                 return None
             step, multipliers = solved[0] - x, solved[1]
-            promise, here = -float(gradient @ step), self.frame.effort.value(x) + s * cost @ x
+            promise, here = -float(gradient @ step), effort.value(x) + s * cost @ x
             for length in 0.5 ** np.arange(_MOST_HALVINGS):
                 there = x + length * step
-                if self.frame.effort.value(there) + s * cost @ there <= here - _KEPT_PROMISE * length * promise:
+                if effort.value(there) + s * cost @ there <= here - _KEPT_PROMISE * length * promise:
                     x = there
                     break
             if promise <= _PROMISE * self.frame.rise:
@@ -102,7 +103,9 @@ class Paths:
 
     def _solved(self) -> tuple[FloatArray, FloatArray] | None:
         x, _, flag, info = self.model.solve()
-        return (np.clip(x, self.frame.lower, self.frame.upper), info["lam"][x.size :]) if flag in _SOLVED else None
+        if flag not in _SOLVED:
+            return None
+        return np.clip(x, self.frame.lower, self.frame.upper), info["lam"][x.size :]
 
     def _extreme(
         self, cost: FloatArray, s: float, first: float, floor: float

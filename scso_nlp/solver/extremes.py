@@ -1,17 +1,15 @@
 r"""How far activations and stability may be from the optimum at a little more effort, frame by frame.
 
-The least :math:`c^T x` with effort :math:`E(x) \le \beta`, all rows and all bounds is where the path
+The least :math:`c^T x` with effort :math:`E(x) \le \beta`, all rows, all bounds and matrices
+:math:`G(x) \succeq 0` is found in :mod:`scso_nlp.solver.extreme_paths`, and where there are matrices in
+:mod:`scso_nlp.solver.extreme_cones`. Multipliers are a certificate:
 
-.. math:: x(s) = \arg\min_x E(x) + s\, c^T x
+.. math:: c^T x \ge \min_{l \le z \le u} \left( c^T z + \tfrac1s (E(z) - \beta) + y^T (A z - b)
+          - \langle \Lambda, G(z) \rangle \right)
 
-meets :math:`E = \beta`. With exponent 2 the path is piecewise linear, and a few quadratic programs by the
-active-set method DAQP find it, each warm from the last; with other exponents every point of it takes a few
-steps of Newton's method, each such a program. Multipliers y of the rows, over s, are a certificate:
-
-.. math:: c^T x \ge \min_{l \le z \le u} \left( c^T z + \tfrac1s (E(z) - \beta) + y^T (A z - b) \right)
-
-holds whatever y and s > 0 are, with b the side of each row that the sign of y means. It is evaluated by
-multiplication, because E is a sum over unknowns, of which each has its minimum written down.
+holds whatever y, s > 0 and :math:`\Lambda \succeq 0` are, with b the side of each row that the sign of y
+means. It is evaluated by multiplication, because E is a sum over unknowns, of which each has its minimum
+written down.
 """
 
 from __future__ import annotations
@@ -55,7 +53,7 @@ class Ranges:
     certified_least, certified_greatest : ndarray, shape (n_frames, n_muscles) [-]
         No pattern goes beyond these: lower and upper bounds from duality.
     rows : tuple of str
-        Stability rows.
+        Stability rows; of a whole Hessian its coordinates, each an entry of the diagonal.
     least_stability, greatest_stability : ndarray, shape (n_frames, n_rows) [N·m/rad]
         Attained.
     certified_least_stability, certified_greatest_stability : ndarray, shape (n_frames, n_rows) [N·m/rad]
@@ -107,7 +105,8 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     Parameters
     ----------
     solution : Solution
-        Of a problem whose frames are apart and whose rows are affine, with an effort of any finite exponent.
+        Of a problem whose frames are apart, whose rows and matrices are affine, with an effort of any finite
+        exponent.
     effort : float [-]
         Share by which the objective of each frame may exceed its optimum, positive. What an equation
         determines by itself, as a residual that no muscle helps, is no choice: its cost does not count.
@@ -121,11 +120,17 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     Where levels may be missed at a price, effort buys misses, and least stability is what it buys; the flat
     cost of misses may leave a gap between what is attained and what is certified (``gap``).
 
+    The stability of a whole Hessian along one coordinate is affine in the unknowns and has a certificate. Its
+    smallest eigenvalue is a concave function of them: how low it may be is no convex problem, of which
+    multipliers would certify nothing; it has no ranges here, and is at least its level all the same. With
+    matrices and an exponent of 5 or more, the method may not get on for some extremes: there the optimum is
+    what is attained and bounds alone certify, which is seen in ``gap`` too.
+
     Raises
     ------
     ProblemError
-        Frames that are coupled, rows that are not affine, a matrix inequality, an objective that is no sum of
-        squares or of one power (as with actuators below exponent 2), or a share that is not positive.
+        Frames that are coupled, rows or matrices that are not affine, an objective that is no sum of squares
+        or of one power (as with actuators below exponent 2), or a share that is not positive.
 
     Examples
     --------
@@ -149,7 +154,9 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     models = matrix_models(program)
     bent = [model.block.term for model in models if not model.is_affine]
     if bent:
-        raise ProblemError(f"ranges need matrices that are affine in the unknowns, but that of {bent[0]} is not")
+        raise ProblemError(
+            f"ranges need matrices that are affine in the unknowns, but that of {bent[0]} is not"
+        )
     powers = Powers.of(program, objective)
     if powers is None:
         raise ProblemError(

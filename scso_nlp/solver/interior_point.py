@@ -46,6 +46,8 @@ class Frames:
     scale, row_scale : ndarray, shapes (n_frames,) and (n_frames, n_equations + n_rows)
     least_cost : ndarray, shape (n_frames,)
         Costs are measured by their gradient, but by no less than this.
+    damping : ndarray, shape (n_frames,)
+        Curvature of every unknown, over what stationarity lacks, that steps are given besides their own.
     """
 
     quadratic: FloatArray
@@ -60,6 +62,7 @@ class Frames:
     scale: FloatArray
     row_scale: FloatArray
     least_cost: FloatArray
+    damping: FloatArray
 
     def matrix(self, x: FloatArray) -> FloatArray:
         """Sum of x_i G_i, shape (n_frames, size, size)."""
@@ -212,7 +215,8 @@ def step_from(frames: Frames, point: Point, residual: Residual) -> tuple[Point, 
     size = frames.constant.shape[1]
     inverse = _each(np.linalg.inv, (size, size), point.slack)
     inverse = (inverse + inverse.transpose(0, 2, 1)) / 2
-    newton = _newton_matrix(frames, point, inverse)
+    damping = frames.damping * np.abs(residual.stationarity).max(axis=1)
+    newton = _newton_matrix(frames, point, inverse, damping)
     predicted = _direction(
         frames, point, residual, inverse, newton, np.zeros_like(point.slack), np.zeros_like(point.limit_slack)
     )
@@ -242,8 +246,8 @@ def step_from(frames: Frames, point: Point, residual: Residual) -> tuple[Point, 
     return corrected, length
 
 
-def _newton_matrix(frames: Frames, point: Point, inverse: FloatArray) -> FloatArray:
-    r"""Equations for the step of x and of the multipliers of the equations.
+def _newton_matrix(frames: Frames, point: Point, inverse: FloatArray, damping: FloatArray) -> FloatArray:
+    r"""Equations for the step of x and of the multipliers of the equations, with some curvature more.
 
     .. math:: \begin{pmatrix} Q + M + D & -A^T \\ A & 0 \end{pmatrix}, \quad
               M_{ij} = \operatorname{tr}(G_i Z G_j S^{-1})
@@ -259,7 +263,7 @@ def _newton_matrix(frames: Frames, point: Point, inverse: FloatArray) -> FloatAr
     newton = np.zeros((n_frames, total, total))
     newton[:, :n, :n] = frames.quadratic + (schur + schur.transpose(0, 2, 1)) / 2
     ratio = point.limit_multiplier / point.limit_slack
-    newton[:, np.arange(n), np.arange(n)] += ratio[:, :n] + ratio[:, n : 2 * n]
+    newton[:, np.arange(n), np.arange(n)] += ratio[:, :n] + ratio[:, n : 2 * n] + damping[:, None]
     if frames.rows.shape[1]:
         newton[:, :n, :n] += (frames.rows.transpose(0, 2, 1) * ratio[:, None, 2 * n :]) @ frames.rows
     newton[:, :n, n:] = -frames.equations.transpose(0, 2, 1)

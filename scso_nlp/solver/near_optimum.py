@@ -19,7 +19,7 @@ _EMPTY = 1e-11
 
 @dataclass(frozen=True, kw_only=True)
 class Matrix:
-    """A matrix :math:`K + \\sum_i x_i G_i` that is to stay positive semi-definite.
+    r"""A matrix :math:`K + \sum_i x_i G_i` that is to stay positive semi-definite.
 
     Attributes
     ----------
@@ -44,10 +44,11 @@ class Extremes:
     ----------
     points : ndarray, shape (n_costs, n_unknowns)
     multipliers : ndarray, shape (n_costs, n_rows)
+        y of :mod:`scso_nlp.solver.extremes`.
     weight : ndarray, shape (n_costs,)
-        Of effort.
+        Of effort, 1/s.
     of_matrix : ndarray, shape (n_costs, size, size), or None
-        Of the matrix inequality.
+        Lambda, of the matrix inequality.
     """
 
     points: FloatArray
@@ -119,16 +120,19 @@ class NearOptimum:
         self.floor = np.where(self.costs == 0, 0.0, nearest).sum(axis=1)
 
     def attained_and_certified(self, found: Extremes) -> tuple[FloatArray, FloatArray]:
-        """Give what was asked for at the points, and its bounds: twice (2, n_costs), least before greatest."""
+        """Give what was asked for at the points, and its bounds; (2, n_costs) each, least before greatest."""
         n = len(self.settled)
         value = (self.costs * found.points).sum(axis=1)
-        bound = np.minimum(np.maximum(self._bounds(found), self.floor), value)
+        bound = np.minimum(np.maximum(self.bounds(found), self.floor), value)
         bound = np.where(self.is_open, bound, value)
         attained, certified = (np.stack([each[:n], -each[n:]]) + self.settled for each in (value, bound))
         return attained, certified
 
-    def _bounds(self, found: Extremes) -> FloatArray:
-        """Lower bounds of the costs from duality, whatever the multipliers are, shape (2 n_costs,)."""
+    def bounds(self, found: Extremes) -> FloatArray:
+        """Lower bounds of the costs from duality, whatever the multipliers are, shape (2 n_costs,).
+
+        Of the multiplier of the matrix, what is positive semi-definite counts.
+        """
         y = found.multipliers
         y = np.where(np.isfinite(np.where(y > 0, self.high, self.low)), y, 0.0)
         held = (y * np.where(y == 0, 0.0, np.where(y > 0, self.high, self.low))).sum(axis=1)

@@ -15,21 +15,32 @@ from helpers import elbow, frame_arrays, random_problem
 import scso_nlp as scso
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solver import extremes
+from scso_nlp.solver.extreme_cones import extremes_by_cones
 
 
-def least_by_clarabel(problem, k, cost, most, exponent=2.0, matrices=()):
+def least_by_clarabel(problem, k, cost, most, exponent=2.0, matrices=(), price=None):
     """Least cost'x with A x = b, G x >= h, bounds and sum w |x|^p <= most, by a conic solver.
 
     For p other than 2 every power has a bound t of its own: (t, 1, x) in the power cone of 1/p. Pairs (M, K)
-    of `matrices` are matrix inequalities K + sum x_i M_i ⪰ 0.
+    of `matrices` are matrix inequalities K + sum x_i M_i ⪰ 0. With a price (and p = 2), x has one unknown
+    more: what all eigenvalues may be negative by, over SCALE, which adds to the effort.
     """
     weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
+    if price is not None:
+        weights, lower, upper = np.append(weights, 0.0), np.append(lower, 0.0), np.append(upper, np.inf)
+        a, g = (np.pad(rows, ((0, 0), (0, 1))) for rows in (a, g))
+        matrices = [(np.concatenate([m, SCALE * np.eye(len(c))[None]]), c) for m, c in matrices]
     n = a.shape[1]
     below, above = np.isfinite(lower), np.isfinite(upper)
     sides = np.vstack([-g, -np.eye(n)[below], np.eye(n)[above]])
     limits = np.concatenate([-h, -lower[below], upper[above]])
     cones = [clarabel.ZeroConeT(len(b)), clarabel.NonnegativeConeT(len(limits))]
-    if exponent == 2:
+    if price is not None:  # u = most - price * missed: (u + 1)^2 >= (u - 1)^2 + 4 x'Wx
+        u = np.eye(n)[-1] * price * SCALE
+        matrix = np.vstack([a, sides, u, u, -2 * np.diag(np.sqrt(weights))])
+        ends = [most + 1, most - 1, *np.zeros(n)]
+        cones.append(clarabel.SecondOrderConeT(n + 2))
+    elif exponent == 2:
         cone = np.vstack([np.zeros(n), -np.diag(np.sqrt(weights))])
         matrix, ends = np.vstack([a, sides, cone]), [np.sqrt(most), *np.zeros(n)]
         cones.append(clarabel.SecondOrderConeT(n + 1))
@@ -49,16 +60,15 @@ def least_by_clarabel(problem, k, cost, most, exponent=2.0, matrices=()):
         pairs = [(i, j) for j in range(size) for i in range(j + 1)]
         factor = np.array([1.0 if i == j else np.sqrt(2.0) for i, j in pairs]) / SCALE
         pick = tuple(np.array(pairs).T)
-        below = np.zeros((len(pairs), matrix.shape[1]))
-        below[:, :n] = -(slopes[(slice(None), *pick)] * factor).T
-        matrix, right = np.vstack([matrix, below]), np.concatenate([right, constant[pick] * factor])
+        own = np.zeros((len(pairs), matrix.shape[1]))
+        own[:, :n] = -(slopes[(slice(None), *pick)] * factor).T
+        matrix, right = np.vstack([matrix, own]), np.concatenate([right, constant[pick] * factor])
         cones.append(clarabel.PSDTriangleConeT(size))
-    matrix = sp.csc_matrix(matrix)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     nothing = sp.csc_matrix((cost.size, cost.size))
-    found = clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
+    found = clarabel.DefaultSolver(nothing, cost, sp.csc_matrix(matrix), right, cones, settings).solve()
     assert "Solved" in str(found.status)
     return found.obj_val
 
@@ -114,12 +124,27 @@ def test_extremes_at_other_exponents_are_those_of_power_cones(exponent, reserve,
         assert found.certified_greatest[0, m] >= high - 1e-5
 
 
+def check_activations(found, problem, k, least, atol):
+    """Extremes of all activations of a frame are those of an oracle, and certified."""
+    n = found.least.shape[1]
+    for m in range(n):
+        cost = np.eye(n + problem.motion.actuators.n_actuators + 1)[m]
+        low, high = least(cost), -least(-cost)
+        np.testing.assert_allclose([found.least[k, m], found.greatest[k, m]], [low, high], atol=atol)
+        assert found.certified_least[k, m] <= low + atol
+        assert found.certified_greatest[k, m] >= high - atol
+
+
 @pytest.mark.parametrize(
-    ("effort", "exponent", "reserve"), [(0.05, 2.0, None), (0.3, 2.0, 5.0), (100.0, 2.0, None), (0.05, 1.5, None), (0.3, 3.0, 5.0)]
+    ("effort", "exponent", "reserve"),
+    [(0.05, 2.0, None), (0.3, 2.0, 5.0), (100.0, 2.0, None), (0.05, 1.5, None), (0.3, 3.0, 5.0)],
 )
 def test_extremes_with_a_whole_hessian_are_those_of_a_conic_solver(effort, exponent, reserve):
+    """Clarabel's answers with powers are good to 1e-5; what is attained and certified, to 1e-6."""
     rng = np.random.default_rng([19, int(10 * effort)])
-    problem = hessian_problem(rng, n_frames=2, n_muscles=9, n_coordinates=3, exponent=exponent, reserve=reserve)
+    problem = hessian_problem(
+        rng, n_frames=2, n_muscles=9, n_coordinates=3, exponent=exponent, reserve=reserve
+    )
     solution = scso.solve_trajectory(problem)
     found = scso.ranges(solution, effort=effort)
     assert found.gap < 1e-6
@@ -129,22 +154,115 @@ def test_extremes_with_a_whole_hessian_are_those_of_a_conic_solver(effort, expon
         x = np.concatenate([solution.activation[k], solution.control[k]])
         most = (1 + effort) * float((np.abs(x) ** exponent).sum())
 
-        def least(cost, k=k, most=most, matrix=(matrices, constant)):
-            return least_by_clarabel(problem, k, cost, most, exponent, [matrix])
+        def least(cost, k=k, most=most, matrix=(matrices, constant), n=x.size):
+            return least_by_clarabel(problem, k, cost[:n], most, exponent, [matrix])
 
-        for m in range(9):
-            cost = np.eye(x.size)[m]
-            low, high = least(cost), -least(-cost)
-            np.testing.assert_allclose([found.least[k, m], found.greatest[k, m]], [low, high], atol=1e-5)
-            assert found.certified_least[k, m] <= low + 1e-5
-            assert found.certified_greatest[k, m] >= high - 1e-5
+        check_activations(found, problem, k, least, 1e-5)
         for i in range(3):
             cost, own = matrices[:, i, i], constant[i, i]
-            low, high = own + least(cost), own - least(-cost)
             attained = found.least_stability[k, i], found.greatest_stability[k, i]
-            np.testing.assert_allclose(attained, [low, high], atol=1e-3)
+            np.testing.assert_allclose(attained, [own + least(cost), own - least(-cost)], atol=1e-3)
             certified = found.certified_least_stability[k, i], found.certified_greatest_stability[k, i]
             np.testing.assert_allclose(certified, attained, atol=1e-4)
+
+
+def test_extremes_where_a_whole_hessian_may_be_missed_are_those_of_a_conic_solver(rng):
+    price, level = 0.001, 40.0
+    rule = scso.HessianStability(level=level, soft=price)
+    problem = hessian_problem(rng, n_frames=1, n_muscles=9, n_coordinates=3, stability=rule)
+    solution = scso.solve_trajectory(problem)
+    missed = solution.matrices["HessianStability"].missed[0]
+    assert missed > 1.0
+    found = scso.ranges(solution, effort=0.1)
+    assert found.gap < 1e-6
+    matrix = full_frame(problem, 0, level=level)[2]
+    most = 1.1 * (float((solution.activation[0] ** 2).sum()) + price * missed)
+
+    def least(cost):
+        return least_by_clarabel(problem, 0, cost, most, matrices=[matrix], price=price)
+
+    check_activations(found, problem, 0, least, 1e-5)
+
+
+def test_extremes_with_two_matrices_and_a_row_are_those_of_a_conic_solver(rng):
+    problem = hessian_problem(rng, n_frames=1, n_muscles=9, n_coordinates=4)
+    (matrices, constant), names = full_frame(problem, 0)[2], ("q1", "q2", "q3", "q4")
+    rules = (
+        scso.HessianStability(coordinates=names[:2], label="first"),
+        scso.HessianStability(coordinates=names[1:3], label="second"),
+        scso.CoordinateStability(coordinates=names[3:]),
+    )
+    problem = dataclasses.replace(problem, constraints=(problem.constraints[0], *rules))
+    solution = scso.solve_trajectory(problem)
+    found = scso.ranges(solution, effort=0.1)
+    assert found.gap < 1e-6
+    assert found.rows == ("q4", "q1", "q2", "q2", "q3")
+    blocks = [(matrices[:, s, s], constant[s, s]) for s in (slice(2), slice(1, 3), slice(3, 4))]
+    most = 1.1 * float((solution.activation[0] ** 2).sum())
+
+    def least(cost):
+        return least_by_clarabel(problem, 0, cost[:9], most, matrices=blocks)
+
+    check_activations(found, problem, 0, least, 1e-5)
+
+
+def seen_extremes(problem, effort, monkeypatch):
+    """Frames near the optimum, and the points and multipliers found there."""
+    seen = []
+
+    def watched(frame, matrix):
+        found = extremes_by_cones(frame, matrix)
+        seen.append((frame, found))
+        return found
+
+    monkeypatch.setattr(extremes, "extremes_by_cones", watched)
+    return seen, scso.ranges(scso.solve_trajectory(problem), effort=effort)
+
+
+def test_certificates_of_a_whole_hessian_are_products(rng, monkeypatch):
+    """Multiplied out from plain arrays, the least over every activation by itself taken from a fine grid."""
+    problem = hessian_problem(rng, n_frames=1, n_muscles=9, n_coordinates=3)
+    ((_, seen),), found = seen_extremes(problem, 0.05, monkeypatch)
+    (a, b), _, (matrices, constant) = full_frame(problem, 0)
+    length = np.abs(a).max(axis=1)
+    x = found.solution.activation[0]
+    grid = np.linspace(0.0, 1.0, 20001)
+    for m in range(9):
+        y, weight, push = seen.multipliers[m], seen.weight[m] / float(x @ x), seen.of_matrix[m]
+        assert np.linalg.eigvalsh(push)[0] >= -1e-12 * np.abs(push).max()
+        slope = np.eye(9)[m] + y @ (a / length[:, None]) - np.einsum("ab,iab->i", push, matrices)
+        each = (weight * grid**2 + slope[:, None] * grid).min(axis=1)
+        held = y @ (b / length) + np.sum(push * constant) + 1.05 * weight * float(x @ x)
+        bound = max(each.sum() - held, 0.0)
+        assert found.certified_least[0, m] == pytest.approx(bound, abs=1e-7)
+
+
+def test_what_is_attained_with_a_whole_hessian_keeps_everything(rng, monkeypatch):
+    problem = hessian_problem(rng, n_frames=1, n_muscles=9, n_coordinates=3)
+    ((_, seen),), found = seen_extremes(problem, 0.05, monkeypatch)
+    (a, b), _, (matrices, constant) = full_frame(problem, 0)
+    x = seen.points[:9]
+    np.testing.assert_allclose(np.diag(x), found.least[0], atol=1e-12)
+    np.testing.assert_allclose(x @ a.T, np.broadcast_to(b, (9, 3)), atol=1e-6)
+    assert np.linalg.eigvalsh(constant + np.tensordot(x, matrices, 1))[:, 0].min() > -1e-5
+    assert (x**2).sum(axis=1).max() <= (1 + 1e-8) * 1.05 * (found.solution.activation[0] ** 2).sum()
+
+
+def test_certificates_hold_whatever_the_multipliers_are(rng, monkeypatch):
+    """Multipliers of rows and of the matrix at random, indefinite ones among them: true, if useless."""
+    problem = hessian_problem(rng, n_frames=1, n_muscles=9, n_coordinates=3)
+    ((frame, seen),), found = seen_extremes(problem, 0.05, monkeypatch)
+    for size in np.repeat([1e-8, 1e-4, 1e-2, 1.0], 5):
+        noise = rng.normal(size=seen.of_matrix.shape)
+        other = dataclasses.replace(
+            seen,
+            multipliers=seen.multipliers + size * rng.normal(size=seen.multipliers.shape),
+            weight=seen.weight * np.exp(size * rng.normal(size=seen.weight.shape)),
+            of_matrix=seen.of_matrix + size * (noise + noise.transpose(0, 2, 1)),
+            points=np.full_like(seen.points, np.nan),
+        )
+        bounds = frame.bounds(other)[:9]
+        assert (bounds <= found.least[0] + 1e-9).all()
 
 
 def test_no_pattern_that_keeps_everything_leaves_the_ranges(rng):
@@ -219,7 +337,9 @@ def test_what_has_no_ranges_is_refused(rng):
         other = dataclasses.replace(problem, objectives=costs)
         with pytest.raises(ProblemError, match="sum of squares, or of one power"):
             scso.ranges(dataclasses.replace(solution, problem=other))
-    bent = hessian_problem(rng, n_frames=1, stability=scso.HessianStability(stiffness=Bent()))
+    bent = hessian_problem(
+        rng, n_frames=1, stability=scso.HessianStability(stiffness=scso.FallingStiffness())
+    )
     with pytest.raises(ProblemError, match="affine in the unknowns, but that of HessianStability is not"):
         scso.ranges(dataclasses.replace(scso.solve_trajectory(problem.frames([0])), problem=bent))
     coupled = dataclasses.replace(problem, constraints=(*problem.constraints, scso.ActivationRate()))
