@@ -44,12 +44,12 @@ def extremes_by_cones(frame: NearOptimum, matrix: Matrix) -> Extremes:
     wanted = np.flatnonzero(frame.is_open & ~lowest)
     for part in np.array_split(wanted, -(-wanted.size // _COSTS_AT_ONCE)) if wanted.size else ():
         program = _Program(frame, matrix, frame.costs[part])
-        start = np.tile(frame.optimum, (part.size, 1))
+        start = np.tile(frame.optimum / program.unit, (part.size, 1))
         nothing = np.zeros((part.size, program.n_rows))
         answer = solve_matrix_programs(program(start, np.arange(part.size), nothing), program, start)
         good = answer.is_solved
         found = part[good]
-        x = np.clip(answer.x[good], frame.lower, frame.upper)
+        x = np.clip(program.unit * answer.x[good], frame.lower, frame.upper)
         kept = _missed(frame, matrix, x) <= _KEPT
         points[found[kept]] = x[kept]
         size = program.size[good, None]
@@ -72,43 +72,50 @@ def _missed(frame: NearOptimum, matrix: Matrix, x: FloatArray) -> FloatArray:
 class _Program:
     """Some costs of a frame, near points: the model that the interior-point method asks for.
 
-    Rows are those with a least, those with a greatest value, and effort, last.
+    Unknowns are bounded, and measured, by what each may reach. Rows are those with a least value, those with
+    a greatest one, and effort.
     """
 
     def __init__(self, frame: NearOptimum, matrix: Matrix, costs: FloatArray) -> None:
-        self.frame, self.matrix = frame, matrix
+        self.frame, self.constant = frame, matrix.constant
+        reach = frame.reachable[1] - frame.reachable[0]
+        self.unit = np.where(np.isfinite(reach) & (reach > 0), reach, 1.0)
+        costs = costs * self.unit
         self.size = np.abs(costs).max(axis=1)
-        self.costs = costs / self.size[:, None]
+        self.costs, self.matrices = costs / self.size[:, None], matrix.slopes * self.unit[:, None, None]
         equal = frame.low == frame.high
         self.equations = np.flatnonzero(equal)
         self.at_least = np.flatnonzero(~equal & np.isfinite(frame.low))
         self.at_most = np.flatnonzero(~equal & np.isfinite(frame.high))
-        self.rows = np.vstack([frame.rows[self.at_least], -frame.rows[self.at_most]])
+        rows = frame.rows * self.unit
+        self.equal = rows[self.equations]
+        self.rows = np.vstack([rows[self.at_least], -rows[self.at_most]])
         self.least = np.concatenate([frame.low[self.at_least], -frame.high[self.at_most]])
         self.n_rows = len(self.rows) + 1
 
-    def __call__(self, x: FloatArray, which: IntArray, push: FloatArray) -> MatrixProgram:
-        frame, count, n = self.frame, *x.shape
-        effort, gradient = frame.effort.value(x), frame.effort.gradient(x)
-        bent = push[:, -1:] * frame.effort.curvature(np.maximum(np.abs(x), _BESIDE))
+    def __call__(self, point: FloatArray, which: IntArray, push: FloatArray) -> MatrixProgram:
+        frame, unit, count, n = self.frame, self.unit, *point.shape
+        x = unit * point
+        effort, gradient = frame.effort.value(x), unit * frame.effort.gradient(x)
+        bent = push[:, -1:] * unit**2 * frame.effort.curvature(np.maximum(np.abs(x), _BESIDE))
         quadratic = np.zeros((count, n, n))
         quadratic[:, np.arange(n), np.arange(n)] = bent
 
         def each(one: FloatArray) -> FloatArray:
             return np.broadcast_to(one, (count, *one.shape))
 
-        left = effort - (gradient * x).sum(axis=1) - frame.most
+        left = effort - (gradient * point).sum(axis=1) - frame.most
         return MatrixProgram(
             quadratic=quadratic,
-            linear=self.costs[which] - bent * x,
-            equations=each(frame.rows[self.equations]),
+            linear=self.costs[which] - bent * point,
+            equations=each(self.equal),
             targets=each(frame.low[self.equations]),
             rows=np.concatenate([each(self.rows), -gradient[:, None]], axis=1),
             least=np.concatenate([each(self.least), left[:, None]], axis=1),
-            lower=each(frame.lower),
-            upper=each(frame.upper),
-            matrices=each(self.matrix.slopes),
-            constant=each(self.matrix.constant),
+            lower=each(frame.reachable[0] / unit),
+            upper=each(frame.reachable[1] / unit),
+            matrices=each(self.matrices),
+            constant=each(self.constant),
         )
 
     def multipliers(self, push: FloatArray) -> tuple[FloatArray, FloatArray]:
