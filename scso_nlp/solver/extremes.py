@@ -123,8 +123,8 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
     The stability of a whole Hessian along one coordinate is affine in the unknowns and has a certificate. Its
     smallest eigenvalue is a concave function of them: how low it may be is no convex problem, of which
     multipliers would certify nothing; it has no ranges here, and is at least its level all the same. With
-    matrices and an exponent of 5 or more, the method may not get on for some extremes: there the optimum is
-    what is attained and bounds alone certify, which is seen in ``gap`` too.
+    matrices, an exponent of 5 or more and much effort to spend, the method may not get on for some extremes:
+    there the optimum is what is attained and bounds alone certify, which is seen in ``gap`` too.
 
     Raises
     ------
