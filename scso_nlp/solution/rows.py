@@ -230,6 +230,13 @@ class Optimality:
     duality_gap : ndarray, shape (n_frames,) [-]
         Sum of these products likewise: for a convex objective no point that keeps all rows costs less by
         more; NaN where some row is not affine, infinite where the objective has vanished among the doubles.
+    imbalance : ndarray, shape (n_frames,) [-]
+        Largest share of what acts on an unknown that is left over,
+        :math:`|r_i| / (\max(|g_i|, |g_i - g_i(\text{rest})|) + \sum_j |y_j A_{ji}|)`, or its distance to the
+        bound that could hold it, over the frame's largest unknown, where that is less. What balances within
+        1e-6 of the largest unknown, or has no slope there, counts as zero. This is relative to each unknown's
+        own scale, where the others are relative to the frame's. NaN where frames are coupled or some row is
+        not affine.
 
     Notes
     -----
@@ -243,6 +250,7 @@ class Optimality:
     stationarity: FloatArray
     complementarity: FloatArray
     duality_gap: FloatArray
+    imbalance: FloatArray
 
     __repr__ = without_arrays
 
@@ -250,4 +258,4 @@ class Optimality:
     def worst(self) -> FloatArray:
         """Largest of these, shape (n_frames,) [-]."""
         gap = np.where(np.isnan(self.duality_gap), self.complementarity, self.duality_gap)
-        return np.maximum(np.maximum(self.feasibility, self.stationarity), gap)
+        return np.fmax(np.maximum(np.maximum(self.feasibility, self.stationarity), gap), self.imbalance)

@@ -32,7 +32,7 @@ class Status(enum.Enum):
     )
     NOT_OPTIMAL = (
         "The rows are kept, but the answer could not be shown to be the optimum; try a smaller exponent or "
-        "min/max, weights and moments nearer to one, or another initial guess."
+        "min/max, weights, moments and controls nearer to one, or another initial guess."
     )
     ITERATION_LIMIT = "The iteration limit was reached; raise max_iterations or give a better initial guess."
     NUMERICAL_ERROR = "The solver met numbers it could not use; check the objective for NaN at its bounds."

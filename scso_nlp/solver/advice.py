@@ -16,8 +16,9 @@ from scso_nlp.muscle_models.stiffness_law import PUBLISHED_GAINS, ProportionalSt
 from scso_nlp.problem import MuscleForceProblem
 from scso_nlp.solution import Solution, Status
 from scso_nlp.solver.feasible_gain import feasible_q
+from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE
 from scso_nlp.stability.rows import select_rows
-from scso_nlp.trajectory import Skeleton
+from scso_nlp.trajectory import Skeleton, time_text
 from scso_nlp.validation import FloatArray, shown_names
 
 #: At most so many failed frames, the worst first, are asked for what they would need.
@@ -59,17 +60,18 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
     Returns
     -------
     tuple of NextStep
-        None where no frame failed for rows that are out of reach.
+        None where no frame failed for rows that are out of reach, or for costs that hide each other.
     """
+    stronger = _less_control(solution)
     failed = [k for k, status in enumerate(solution.frame_status) if status in _OUT_OF_REACH]
     if not failed:
-        return ()
+        return stronger
     worst = [shortfall.frame for shortfall in solution.shortfalls if shortfall.frame in set(failed)]
     asked = sorted(tuple(dict.fromkeys((*worst, *failed)))[:MOST_FRAMES])
     problem = solution.problem
     hard = tuple(t for t in problem.constraints if isinstance(t, StabilityConstraint) and t.soft is None)
     if not hard:
-        return _more_strength(solution, asked)
+        return (*_more_strength(solution, asked), *stronger)
     others = tuple(t for t in problem.constraints if not isinstance(t, StabilityConstraint))
     turned = _about_turned_axes(hard, problem.motion.trajectory.skeleton)
     fewer = () if turned == hard else (_fewer_axes(turned),)
@@ -88,6 +90,7 @@ def next_steps(solution: Solution) -> tuple[NextStep, ...]:
         *_more_stiffness(gain, len(failed), "with these axes, " if fewer else ""),
         *(_lower_level(only_hard, hard, laws) if np.isfinite(gain).any() else ()),
         *(() if len(beyond) == len(asked) else (_price(),)),
+        *stronger,
     )
 
 
@@ -124,6 +127,24 @@ def _more_strength(solution: Solution, frames: Sequence[int]) -> tuple[NextStep,
             f"{len(frames)} frame{'s' if len(frames) > 1 else ''}, stable or not: reserves would",
         ),
     )
+
+
+def _less_control(solution: Solution) -> tuple[NextStep, ...]:
+    """Name the actuator with the largest control where costs are too far apart for an optimum."""
+    is_hidden = np.array([status is Status.NOT_OPTIMAL for status in solution.frame_status])
+    is_hidden &= np.nan_to_num(solution.optimality.imbalance) > OPTIMALITY_TOLERANCE
+    control = np.abs(np.where(is_hidden[:, None], np.nan_to_num(solution.control), 0.0))
+    if not control.max(initial=0.0) > 1:
+        return ()
+    k, a = np.unravel_index(control.argmax(), control.shape)
+    motion = solution.problem.motion
+    force = motion.actuators.optimal_force[a] * control[k, a]
+    effect = (
+        f"{motion.actuators.actuators[a]} has a control of {control[k, a]:.4g} at t = "
+        f"{time_text(motion.trajectory.time[k])} s, whose cost hides what muscles cost: an optimal_force of "
+        f"{rounded_up(float(force)):g} would bring it to one"
+    )
+    return (NextStep(setting="actuators", value="RESERVES.xml", effect=effect),)
 
 
 def _about_turned_axes(

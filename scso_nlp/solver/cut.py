@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scso_nlp.solver.convex_objective import ConvexObjective
 from scso_nlp.solver.local_model import LocalModel
-from scso_nlp.solver.presolve import FRAMES_AT_ONCE, Block, ConvexObjective, Start, presolve
+from scso_nlp.solver.presolve import FRAMES_AT_ONCE, Block, Start, presolve
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.transcription.turns import MatrixModel, matrix_sizes, part_of

@@ -24,12 +24,13 @@ from scso_nlp.constraints.stability_constraint import StabilityConstraint
 from scso_nlp.display import without_arrays
 from scso_nlp.exceptions import ProblemError
 from scso_nlp.solution import Solution
+from scso_nlp.solver.convex_objective import ConvexObjective
 from scso_nlp.solver.extreme_cones import extremes_by_cones
 from scso_nlp.solver.extreme_paths import Paths
 from scso_nlp.solver.judge import unknowns_of
 from scso_nlp.solver.near_optimum import Matrix, NearOptimum
 from scso_nlp.solver.powers import Powers
-from scso_nlp.solver.presolve import ConvexObjective, can_presolve
+from scso_nlp.solver.presolve import can_presolve
 from scso_nlp.solver.redundant import without_redundant_rows
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram, describe

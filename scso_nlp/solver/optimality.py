@@ -109,13 +109,14 @@ def _grade(
     nothing &= nothing.all() or not program.is_coupled
     rise[nothing] = every[nothing]
     lagrangian, products = gradient.copy(), np.zeros((len(unknowns), 0))
-    missed = np.zeros(len(unknowns))
+    missed, acting = np.zeros(len(unknowns)), every.copy()
     for is_pair, table in enumerate((program.rows, program.pair_rows)):
         if len(table):
-            push, product, violation = _reaction(
+            push, force, product, violation = _reaction(
                 part, unknowns, table, multipliers[is_pair], is_pair=bool(is_pair)
             )
             lagrangian += push
+            acting += force
             products = np.hstack([products, product])
             missed = np.maximum(missed, violation)
     outside = np.maximum(np.maximum(lower - unknowns, unknowns - upper), 0.0)
@@ -143,7 +144,27 @@ def _grade(
         stationarity=share(left.max(axis=1, initial=0.0), slope),
         complementarity=share(products.max(axis=1, initial=0.0), size),
         duality_gap=share(gap, size),
+        imbalance=np.where(solved, _imbalance(part, unknowns, lagrangian, acting, unit), np.nan),
     )
+
+
+def _imbalance(
+    part: _Part, unknowns: FloatArray, lagrangian: FloatArray, acting: FloatArray, unit: FloatArray
+) -> FloatArray:
+    """Largest share of what acts on an unknown that neither balances nor a bound holds, shape (n_frames,)."""
+    if part.program.is_coupled or part.program.split.nonlinear:
+        return np.full(len(unknowns), np.nan)
+    lower, upper = part.bounds
+    size = np.abs(unknowns).max(axis=1, initial=0.0, keepdims=True)
+    distance = np.where(lagrangian > 0, unknowns - lower, upper - unknowns) / np.maximum(size, _TINY)
+    missed = np.minimum(np.abs(lagrangian) / np.maximum(acting, _TINY), distance)
+    if (missed > OPTIMALITY_TOLERANCE).any():
+        # what balances within the tolerance of the frame's largest unknown, or costs nothing, is no miss
+        near = np.clip(unknowns - np.sign(lagrangian) * OPTIMALITY_TOLERANCE * size, lower, upper)
+        gradient, there = (_objective_gradient(part, x, unit) for x in (unknowns, near))
+        after = lagrangian + there - gradient
+        missed = np.where((after * lagrangian <= 0) | ((gradient == 0) & (there == 0)), 0.0, missed)
+    return np.asarray(missed.max(axis=1, initial=0.0))
 
 
 def _has_slope(part: _Part) -> BoolArray:
@@ -164,8 +185,10 @@ def _objective_gradient(part: _Part, unknowns: FloatArray, unit: FloatArray) -> 
 
 def _reaction(
     part: _Part, unknowns: FloatArray, table: RowTable, lam: FloatArray, *, is_pair: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give what rows push with, shape (n_frames, size), products of multipliers and distances, violations.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Give what rows push with and what affine rows add to that in size, shapes (n_frames, size); then ...
+
+    ... products of multipliers and distances, and violations.
 
     A violation is relative to what the entries of the rows of its term add up to in the frame.
     """
@@ -174,15 +197,17 @@ def _reaction(
     own = np.ones(lam.shape)
     affine = part.affine[is_pair]
     weights = np.where(affine.is_empty, 0.0, lam[:, affine.rows])
-    push = np.zeros((n_frames, size))
+    push, force = np.zeros((n_frames, size)), np.zeros((n_frames, size))
     for block in frame_blocks(len(lam)):
         matrix, constant = affine.matrix(affine.values[block], size), affine.constant[block]
         seen = slice(block.start, block.stop + is_pair)
         x = unknowns[seen].ravel()
         value[block, affine.rows] = (matrix @ x).reshape(constant.shape) + constant
-        entries = (abs(matrix) @ np.abs(x)).reshape(constant.shape)
+        sizes = abs(matrix)
+        entries = (sizes @ np.abs(x)).reshape(constant.shape)
         own[block, affine.rows] = entries + np.abs(constant)
         push[seen] += (matrix.T @ weights[block].ravel()).reshape(-1, size)
+        force[seen] += (sizes.T @ np.abs(weights[block]).ravel()).reshape(-1, size)
     for _, where in table:
         own[:, where] = own[:, where].max(axis=1, initial=_TINY)[:, None]
     for piece, rows in part.program.split.nonlinear:
@@ -200,4 +225,4 @@ def _reaction(
     if is_pair:  # a pair's rows stand at its later frame
         product = np.vstack([np.zeros((1, product.shape[1])), product])
         violation = np.append(0.0, violation)
-    return push, product, violation
+    return push, force, product, violation

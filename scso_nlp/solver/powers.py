@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scso_nlp.solver.presolve import ConvexObjective
+from scso_nlp.solver.convex_objective import ConvexObjective
 from scso_nlp.transcription.describe import FrameProgram
 from scso_nlp.validation import BoolArray, FloatArray
 

@@ -15,10 +15,12 @@ import daqp
 import numpy as np
 
 from scso_nlp.messages import COUNTS
+from scso_nlp.solver.central_path import follow_central_path
+from scso_nlp.solver.convex_objective import ConvexObjective
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
+from scso_nlp.solver.powers import Powers
 from scso_nlp.solver.threads import one_thread
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import Derivatives, Key, curved
 from scso_nlp.transcription.turns import part_of
 from scso_nlp.validation import BoolArray, FloatArray, IntArray
 
@@ -168,6 +170,12 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: 
         solved[part], doubtful[part] = ~block.is_contradicted, block.is_contradicted
         reduced[part] = block.reduced_cost()
     worst = _graded(program, replace(found, is_optimal=solved))
+    missed = solved & (worst > OPTIMALITY_TOLERANCE)
+    if missed.any():
+        exact = balanced(program, np.flatnonzero(missed), objective)
+        nearer = exact.worst < worst
+        unknowns[nearer], multipliers[nearer] = exact.unknowns[nearer], exact.multipliers[nearer]
+        reduced[nearer], worst[nearer] = exact.reduced_cost[nearer], exact.worst[nearer]
     optimal = solved & (worst <= OPTIMALITY_TOLERANCE)
     return Start(
         unknowns=np.where(optimal[:, None], unknowns, start),
@@ -180,45 +188,48 @@ def presolve(program: FrameProgram, start: FloatArray, frames: IntArray, known: 
     )
 
 
+def balanced(program: FrameProgram, frames: IntArray, objective: ConvexObjective | None = None) -> Start:
+    """Find optima in which small unknowns are as exact as large ones, where each costs a power of itself.
+
+    Parameters
+    ----------
+    program : FrameProgram
+    frames : ndarray of int
+    objective : ConvexObjective, optional
+        Of the program, if it is known.
+
+    Returns
+    -------
+    Start
+        Optimal nowhere if frames are coupled, rows are not affine or costs are something else.
+    """
+    found = Start.nowhere(program, np.zeros((program.time.size, program.layout.size)))
+    powers = None
+    if can_presolve(program) and frames.size:
+        objective = ConvexObjective.of(program) if objective is None else objective
+        powers = Powers.of(program, objective)
+    is_convex = powers is not None and (powers.weight >= 0).all() and powers.weight.any()
+    if objective is None or powers is None or not is_convex:
+        return found
+    affine = program.split.affine
+    for part in np.array_split(frames, -(-frames.size // FRAMES_AT_ONCE)):
+        with one_thread():
+            unknowns, multipliers = follow_central_path(program, powers, part)
+        known = np.isfinite(unknowns).all(axis=1)
+        here, unknowns, multipliers = part[known], unknowns[known], multipliers[known]
+        gradient, _ = objective.near(unknowns, part_of(program, here))
+        push = np.einsum("kri,kr->ki", affine.frames(here).dense(program.layout.size), multipliers)
+        found.unknowns[here], found.multipliers[np.ix_(here, affine.rows)] = unknowns, multipliers
+        found.reduced_cost[here], found.is_optimal[here] = gradient + push, True
+    worst = _graded(program, found)
+    return replace(found, worst=worst, is_optimal=worst <= OPTIMALITY_TOLERANCE)
+
+
 def _graded(program: FrameProgram, start: Start) -> FloatArray:
     """How far each frame is from its optimum, infinite where it is not called one."""
     of_pairs = np.zeros((max(len(start.unknowns) - 1, 0), 0))
     found = optimality_of(program, start.unknowns, (start.multipliers, of_pairs), start.is_optimal)
     return np.nan_to_num(found.worst, nan=np.inf)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConvexObjective:
-    """Objectives of one frame with their derivatives."""
-
-    costs: tuple[Derivatives, ...]
-    is_quadratic: bool
-    is_separable: bool
-
-    @classmethod
-    def of(cls, program: FrameProgram) -> ConvexObjective:
-        """Make the functions of a program's one-frame objectives."""
-        costs = tuple(piece.curvature for _, piece in program.objectives)
-        bent = (any(curved(cost.values, cost.piece.unknowns[0])) for cost in costs)
-        separable = all((cost.row == cost.column).all() for cost in costs)
-        return cls(costs=costs, is_quadratic=not any(bent), is_separable=separable)
-
-    def values(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> FloatArray:
-        """Value in each frame, shape (n_frames,)."""
-        parts = [cost.piece.values(unknowns, arrays)[:, 0] for cost in self.costs]
-        return np.sum(parts, axis=0) if parts else np.zeros(len(unknowns))
-
-    def near(self, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Gradient (n_frames, n) and Hessian at a point: (n_frames, n, n), or (n_frames, n) if separable."""
-        n_frames, n = unknowns.shape
-        gradient = np.zeros((n_frames, n))
-        hessian = np.zeros((n_frames, n) if self.is_separable else (n_frames, n, n))
-        for cost in self.costs:
-            first, second = cost.at(unknowns, arrays)
-            gradient += first
-            where = (cost.row,) if self.is_separable else (cost.row, cost.column)
-            hessian[:, *where] += second
-        return gradient, hessian
 
 
 class Block:

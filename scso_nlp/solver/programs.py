@@ -18,7 +18,7 @@ from scso_nlp.solver.feasibility import Impossible, contradiction, least_effort,
 from scso_nlp.solver.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solver.judge import Outcome, unknowns_of
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solver.presolve import Start, presolve
+from scso_nlp.solver.presolve import Start, balanced, presolve
 from scso_nlp.solver.relative import QuadraticPrograms, may_be_convex
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
@@ -208,6 +208,7 @@ class _Run:
         nearer = exact.is_optimal & (exact.worst <= worst) & np.isfinite(worst)
         self.unknowns[nearer] = exact.unknowns[nearer]
         self.multipliers[0][nearer] = exact.multipliers[nearer]
+        self._set(np.flatnonzero(nearer), Status.SOLVED)
         worst = np.where(nearer, exact.worst, worst)
         for k in frames[worst[frames] > OPTIMALITY_TOLERANCE]:
             self.status[k] = None
@@ -303,6 +304,8 @@ class _Run:
         open_ = worst > OPTIMALITY_TOLERANCE
         for k in np.flatnonzero(failed):
             open_[k] = not self._is_impossible(int(k))
+        self._balance(worst, np.flatnonzero(open_ & ~failed))
+        open_ &= worst > OPTIMALITY_TOLERANCE
         if not open_.any():
             return
         compiled = self._build(1, is_scaled=True)
@@ -315,6 +318,7 @@ class _Run:
                 going &= open_ & better
                 self.start = self.unknowns
         self.bounds = self.program.bounds()
+        self._balance(worst, np.flatnonzero(open_ & failed & np.isfinite(worst)))
 
     def _beginnings(
         self, frames: IntArray, failed: BoolArray
@@ -378,6 +382,13 @@ class _Run:
         for k in np.flatnonzero((found <= OPTIMALITY_TOLERANCE) & (worst > OPTIMALITY_TOLERANCE)):
             self.unknowns[k], self.multipliers[0][k] = rest[k], 0.0
             self.status[k], worst[k] = Status.SOLVED, found[k]
+
+    def _balance(self, worst: FloatArray, frames: IntArray) -> None:
+        """Take optima in which every unknown is exact, whatever the others cost, where that is nearer."""
+        found = balanced(self.program, frames)
+        for k in np.flatnonzero(found.is_optimal & (found.worst < worst)):
+            self.unknowns[k], self.multipliers[0][k] = found.unknowns[k], found.multipliers[k]
+            self.status[k], self.unit[k], worst[k] = Status.SOLVED, 1.0, found.worst[k]
 
     def _build(
         self, n_frames: int, *, is_scaled: bool = False, confirm_within: int | None = None

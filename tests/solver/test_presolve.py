@@ -12,7 +12,8 @@ from coupled_terms import CappedEffort, RateLimit
 from helpers import elbow, random_problem, two_antagonists
 
 import scso_nlp as scso
-from scso_nlp.solver.presolve import Block, ConvexObjective, presolve
+from scso_nlp.solver.convex_objective import ConvexObjective
+from scso_nlp.solver.presolve import Block, presolve
 from scso_nlp.solver.programs import starting_point
 from scso_nlp.transcription.describe import describe
 
