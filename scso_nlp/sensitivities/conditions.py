@@ -328,6 +328,7 @@ class Conditions:
         strength = np.abs(self.point.row) * self.steepest / self.largest[self.frame_of_row]
         return strength, (value - self.row_lower) / own, (self.row_upper - value) / own
 
+    @np.errstate(invalid="ignore")  # in singular frames some are no numbers, which are not strict
     def _is_strict(self) -> BoolArray:
         """Tell in which frames no multiplier and no distance is near zero, shape (n_frames,)."""
         lower, upper = self.bounds
