@@ -94,10 +94,15 @@ def factorised(
     curvature : ndarray, shape (n_free,)
         Of costs, by each unknown.
     frame : ndarray of int, shape (n_rows,), or None
-        Of every row, in order, where frames stand apart from each other.
+        Of every row, where frames stand apart from each other.
     """
     diagonal = hessian.diagonal()
-    if frame is not None and hessian.count_nonzero() == diagonal.size and (diagonal > _TINY).all():
+    if (
+        frame is not None
+        and frame.size
+        and hessian.count_nonzero() == diagonal.size
+        and (diagonal > _TINY).all()
+    ):
         apart = _Apart(diagonal, slopes, frame)
         if np.abs(apart.inverse).max(initial=0.0) < _WELL_POSED:
             return apart
@@ -141,11 +146,13 @@ class _Apart:
         self.scale = np.concatenate([by_column, by_row])
         self.rows = sp.csr_matrix((entries * by_row[row], slopes.indices, slopes.indptr), slopes.shape)
         self.columns = self.rows.T.tocsr()
-        _, first, which, n_rows = np.unique(frame, return_index=True, return_inverse=True, return_counts=True)
-        self.place = (which, np.arange(frame.size) - first[which])
-        self.shape = (first.size, n_rows.max(initial=0))
+        _, which, n_rows = np.unique(frame, return_inverse=True, return_counts=True)
+        order, within = np.argsort(which, kind="stable"), np.empty(frame.size, dtype=np.int64)
+        within[order] = np.arange(frame.size) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows)
+        self.place = (which, within)
+        self.shape = (n_rows.size, n_rows.max(initial=0))
         products = (self.rows @ self.columns).tocoo()
-        matrix = np.tile(np.eye(self.shape[1]), (first.size, 1, 1))
+        matrix = np.tile(np.eye(self.shape[1]), (n_rows.size, 1, 1))
         matrix[which[products.row], self.place[1][products.row], self.place[1][products.col]] = products.data
         diagonal = np.arange(self.shape[1])
         matrix[:, diagonal, diagonal] += _RIDGE

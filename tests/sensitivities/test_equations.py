@@ -69,3 +69,26 @@ def test_an_answer_to_noise_tells_how_near_to_singular_a_frame_is(rng):
     )
     assert near.max() > 1e10
     assert (far < 1e5).all()
+
+
+def test_rows_of_frames_apart_may_stand_in_any_order(rng):
+    """Those of matrices stand behind all others."""
+    hessian, slopes, curvature = equations(rng)
+    frame = np.repeat(np.arange(N_FRAMES), N_ROWS)[:-1]
+    order = rng.permutation(frame.size)
+    right = rng.normal(size=SIZE * N_FRAMES)
+    first, second = (
+        linear(hessian, slopes[rows], curvature, frame[rows]).solve(np.append(right, np.zeros(rows.size)))
+        for rows in (np.arange(frame.size), order)
+    )
+    np.testing.assert_allclose(second[: right.size], first[: right.size], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(second[right.size :], first[right.size :][order], rtol=1e-9, atol=1e-12)
+
+
+def test_frames_without_active_rows_are_their_curvatures_alone(rng):
+    hessian, slopes, curvature = equations(rng)
+    nothing = np.zeros(0, dtype=np.int64)
+    alone = factorised(hessian, slopes[nothing], curvature, nothing)
+    np.testing.assert_allclose(
+        alone.scale**2 * alone.solve(np.ones(curvature.size)), 1 / curvature, rtol=1e-12
+    )
