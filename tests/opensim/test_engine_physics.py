@@ -131,9 +131,13 @@ def test_moment_arms_equal_opensims_moment_arm_solver(
         muscles=trajectory.muscles,
         values=trajectory.coordinate_values[frames].tolist(),
     )
-    np.testing.assert_allclose(
-        trajectory.moment_arms[frames], answer["moment_arms"], rtol=0, atol=MOMENT_ARM_TOLERANCE
-    )
+    theirs = np.array(answer["moment_arms"])
+    np.testing.assert_allclose(trajectory.moment_arms[frames], theirs, rtol=0, atol=MOMENT_ARM_TOLERANCE)
+    # muscles that do not cross a coordinate have none about it, where OpenSim's solver has rounding
+    is_rounding = (theirs != 0) & (np.abs(theirs) < 1e-13 * np.abs(theirs).max(axis=(1, 2), keepdims=True))
+    assert is_rounding.any() or case == "tiny"
+    assert not trajectory.moment_arms[frames][is_rounding].any()
+    assert (np.abs(trajectory.moment_arms[trajectory.moment_arms != 0]) > 1e-9).all()
 
 
 def _walking_for_80_frames(source: Path, folder: Path) -> Path:

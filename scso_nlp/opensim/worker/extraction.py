@@ -28,7 +28,10 @@ from scso_nlp.opensim.worker.poses import Pose, Poses
 from scso_nlp.opensim.worker.reactions import Reactions
 from scso_nlp.opensim.worker.skeleton import JointFrames, LoadVectors
 from scso_nlp.opensim.worker.virtual_rotations import PosedPaths, VirtualRotations
-from scso_nlp.validation import IntArray
+from scso_nlp.validation import FloatArray, IntArray
+
+#: Moment arms below this share of the frame's largest are zero [-].
+_ROUNDING = 1e-13
 
 
 class Extraction:
@@ -78,7 +81,7 @@ class Extraction:
         joints = model.joints.at(pose.state, pose.rotations, pose.origins)
         loads = model.loads.at(pose.state)
         columns = model.path_forces.columns(pose.state, range(len(model.paths)))
-        moment_arms = pose.coupling.T @ columns
+        moment_arms = _without_rounding(pose.coupling.T @ columns)
         paths = model.current_paths
         points = paths.at(pose.state, pose.rotations, pose.origins) if self._has_paths else paths.nothing
         contacts = {name: points.pop(name) for name in ("path_point_surfaces", "path_points_acting")}
@@ -231,3 +234,13 @@ class Extraction:
         if loops:
             notes.append(("INFO", f"of these, chosen to close loops: {', '.join(loops)}"))
         return notes
+
+
+def _without_rounding(moment_arms: FloatArray) -> FloatArray:
+    """Make moment arms zero that are rounding: of muscles that do not cross what their coordinate turns.
+
+    Muscles from pelvis to thigh have such about all coordinates of the pelvis. Solvers would carry them as
+    entries of their matrices, often more of them than of all others.
+    """
+    size = np.abs(moment_arms)
+    return np.where(size > _ROUNDING * size.max(initial=0.0), moment_arms, 0.0)
