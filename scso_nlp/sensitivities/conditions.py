@@ -21,7 +21,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from scso_nlp.sensitivities.equations import Linear, Part, dense_rows, factorised, sparse
+from scso_nlp.sensitivities.equations import (
+    Linear,
+    Part,
+    dense_rows,
+    diagonal,
+    factorised,
+    largest_of_rows,
+    sparse,
+    sparse_square,
+    stacked,
+)
 from scso_nlp.sensitivities.kept_bounds import bounds_kept_by_rows
 from scso_nlp.sensitivities.turned import Turned, turned_at
 from scso_nlp.solution import Solution
@@ -115,7 +125,7 @@ class Conditions:
             affine_rows.append(affine.sparse(n, len(table), self.size))
         self.row_lower, self.row_upper = np.concatenate(lower), np.concatenate(upper)
         self.is_empty = np.concatenate(empty)
-        self.affine = sp.vstack(affine_rows, format="csr")
+        self.affine = stacked(affine_rows)
 
     def _point(self, solution: Solution) -> Point:
         """Unknowns and judged multipliers of a solution, in the program's scale and the solver's sign."""
@@ -145,7 +155,6 @@ class Conditions:
         Afterwards `linear` has the factorised conditions, `is_regular` (n_frames,) tells which frames may be
         differentiated, and `is_kink` (n_frames,) where that fails for want of strict complementarity.
         """
-        self._put_on_bounds()
         self._arrive()
         missed = self.usable & ~self.is_regular
         alone = not (self.is_coupled or self.curved or self.models)
@@ -158,7 +167,6 @@ class Conditions:
     def _arrive(self) -> None:
         """Take Newton's steps with the active set there is, and judge all frames."""
         self.is_singular, gone = np.zeros(self.n, dtype=bool), ~self.usable
-        self._look(choose=False)
         parts, is_settled = self._hessian(), False
         for _ in range(_MOST_STEPS):
             broken = self._broken_frames(parts)
@@ -245,7 +253,7 @@ class Conditions:
             slope = slope + sparse(parts, slope.shape)
         if slope is not getattr(self, "slope", None):
             self.slope, self.steepness = slope, abs(slope)
-            self.steepest = self.steepness.max(axis=1).toarray().ravel()
+            self.steepest = largest_of_rows(self.steepness)
         force = np.zeros((self.n, self.size))
         self.rise = np.zeros((self.n, self.size))
         self.cost = [cost.at(x, arrays) for cost in self.costs]
@@ -267,11 +275,11 @@ class Conditions:
                 self.models, self.point.matrices, before or [None] * len(self.models), strict=True
             )
         ]
-        if choose:
-            self._choose()
+        if choose and self._choose():
+            self._look(choose=False)
 
-    def _choose(self) -> None:
-        """Take bounds and rows whose multipliers outweigh their distances as active."""
+    def _choose(self) -> bool:
+        """Take bounds and rows whose multipliers outweigh distances as active; say if the point moved."""
         lower, upper = self.bounds
         x, frame = self.point.x.ravel(), np.repeat(np.arange(self.n), self.size)
         size = np.maximum(np.abs(self.point.x).max(axis=1, initial=0.0), 1.0)[frame]
@@ -301,8 +309,12 @@ class Conditions:
         # bounds keep rows without free unknowns; their multipliers, which are not unique, stay what they are
         self.is_implied = is_open & (self.steepness @ (self.at_bound == 0).astype(float) == 0)
         self.at_row[self.is_empty | self.is_implied] = 0
-        # multipliers that nothing holds are rounding
+        # solvers leave unknowns a little off their bounds; multipliers that nothing holds are rounding
+        lower, upper = self.bounds
+        placed = np.where(self.at_bound == -1, lower, np.where(self.at_bound == 1, upper, x))
+        self.point.x = placed.reshape(self.n, self.size)
         self.point.row = np.where((self.at_row == 0) & ~self.is_implied, 0.0, lam)
+        return not (np.array_equal(placed, x) and np.array_equal(self.point.row, lam))
 
     @property
     def implied(self) -> BoolArray:
@@ -387,9 +399,8 @@ class Conditions:
     def _linear(self, parts: Sequence[Part], alive: BoolArray) -> Linear:
         frame = np.repeat(np.arange(self.n), self.size)
         free = np.flatnonzero((self.at_bound == 0) & alive[frame])
-        shape = (self.n * self.size,) * 2
         kept = [(np.where(np.isfinite(entries), entries, 0.0), row, column) for entries, row, column in parts]
-        hessian = sparse(kept, shape)[free][:, free]
+        hessian = sparse_square(kept, frame.size, free)
         slopes, places, frames, left = [self.slope], [np.flatnonzero(self.at_row)], [self.frame_of_row], []
         bound = np.where(self.at_row == 1, self.row_upper, self.row_lower)
         left.append(np.where(self.at_row != 0, self.value - np.where(np.isfinite(bound), bound, 0.0), 0.0))
@@ -407,16 +418,16 @@ class Conditions:
             start += n_pairs * self.n
         every, frame_of = np.concatenate(places), np.concatenate(frames)
         rows = every[alive[frame_of[every]]]
-        slope = sp.vstack(slopes, format="csr")
+        slope = stacked(slopes)
         active = slope[rows][:, free]
-        curvature = sparse(kept[: len(self.costs)], shape).diagonal()[free]
+        curvature = diagonal(kept[: len(self.costs)], frame.size)[free]
         row_frame = frame_of[rows]
         return Linear(
             free=free,
             rows=rows,
             frame=np.concatenate([frame[free], row_frame]),
             left=np.concatenate([self.lagrangian[free], np.concatenate(left)[rows]]),
-            factors=factorised(hessian, active, curvature, None if self.is_coupled else row_frame),
+            factors=factorised(hessian, active, curvature),
             slope=slope,
         )
 
@@ -426,13 +437,6 @@ class Conditions:
         rows = np.zeros((self.linear.slope.shape[0], *found.shape[1:]))
         unknowns[self.linear.free], rows[self.linear.rows] = np.split(found, [self.linear.free.size])
         return unknowns, rows
-
-    def _put_on_bounds(self) -> None:
-        """Put unknowns that solvers have left a little off their bounds onto these."""
-        lower, upper = self.bounds
-        x = self.point.x.ravel()
-        x = np.where(self.at_bound == -1, lower, np.where(self.at_bound == 1, upper, x))
-        self.point.x = x.reshape(self.n, self.size)
 
     def _step(self, step: FloatArray, alive: BoolArray) -> FloatArray:
         """Move to the point that the equations say; give how far each frame has moved, shape (n_frames,)."""

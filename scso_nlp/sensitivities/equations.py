@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from scso_nlp.validation import FloatArray, IntArray
@@ -17,6 +18,10 @@ _RIDGE = 1e-13
 #: Products of rows with themselves square how near to dependent these are: beyond this, the first half of the
 #: digits is lost [-].
 _WELL_POSED = 1e8
+#: Below this, no more than the last three of them.
+_EXACT = 1e3
+#: Rows that share unknowns, directly or through others, are one sparse matrix if they are more than this.
+_MOST_ROWS = 100
 _TINY = float(np.finfo(float).tiny)
 
 #: Entries of a matrix of all frames, with their rows and columns, each of shape (n, n_entries).
@@ -50,13 +55,14 @@ class Linear:
     slope: sp.csr_matrix = field(repr=False)
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Solve with right sides (n_equations, …), refined once."""
+        """Solve with right sides (n_equations, …), refined once unless factors are exact to rounding."""
         factors = self.factors
         scale = factors.scale.reshape(-1, *[1] * (right.ndim - 1))
         right = scale * right
         found = factors.solve(right)
-        right -= factors.times(found)
-        found += factors.solve(right)
+        if not factors.is_exact:
+            right -= factors.times(found)
+            found += factors.solve(right)
         found *= scale
         return found
 
@@ -71,9 +77,13 @@ class Linear:
 
 
 class Factors(Protocol):
-    """Equations of unknowns and rows, scaled from both sides by `scale` (n_equations,), and factorised."""
+    """Equations of unknowns and rows, scaled from both sides by `scale` (n_equations,), and factorised.
+
+    `is_exact` tells that answers are so to rounding: they need not be refined.
+    """
 
     scale: FloatArray
+    is_exact: bool
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve the scaled equations."""
@@ -82,9 +92,7 @@ class Factors(Protocol):
         """Multiply by the scaled equations."""
 
 
-def factorised(
-    hessian: sp.csr_matrix, slopes: sp.csr_matrix, curvature: FloatArray, frame: IntArray | None
-) -> Factors:
+def factorised(hessian: sp.csr_matrix, slopes: sp.csr_matrix, curvature: FloatArray) -> Factors:
     """Scale and factorise the equations with a Hessian and the slopes of rows.
 
     Parameters
@@ -93,24 +101,19 @@ def factorised(
     slopes : sparse matrix, shape (n_rows, n_free)
     curvature : ndarray, shape (n_free,)
         Of costs, by each unknown.
-    frame : ndarray of int, shape (n_rows,), or None
-        Of every row, where frames stand apart from each other.
     """
     diagonal = hessian.diagonal()
-    if (
-        frame is not None
-        and frame.size
-        and hessian.count_nonzero() == diagonal.size
-        and (diagonal > _TINY).all()
-    ):
-        apart = _Apart(diagonal, slopes, frame)
-        if np.abs(apart.inverse).max(initial=0.0) < _WELL_POSED:
+    if slopes.shape[0] and hessian.count_nonzero() == diagonal.size and (diagonal > _TINY).all():
+        apart = _Apart(diagonal, slopes)
+        if apart.is_well_posed:
             return apart
     return _Together(hessian, slopes, curvature)
 
 
 class _Together:
     """Factors of the equations of all frames as one sparse matrix; next to them where it is singular."""
+
+    is_exact = False
 
     def __init__(self, hessian: sp.csr_matrix, slopes: sp.csr_matrix, curvature: FloatArray) -> None:
         both = [[hessian, slopes.T], [slopes, None]]
@@ -131,51 +134,116 @@ class _Together:
 
 
 class _Apart:
-    """Factors of frames apart from each other with a diagonal Hessian: of a small matrix of each one's rows.
+    """Factors of equations with a diagonal Hessian: of small matrices, of rows that share unknowns.
 
     With curvatures scaled to one, and rows to a length of one, unknowns are x = y - B'm, where the
-    multipliers m solve B B' m = B y - z.
+    multipliers m solve B B' m = B y - z. Rows of different frames share no unknown, nor do those of the two
+    legs: B B' falls apart into groups of rows, which are inverted together where they are of one size.
     """
 
-    def __init__(self, curvature: FloatArray, slopes: sp.csr_matrix, frame: IntArray) -> None:
+    def __init__(self, curvature: FloatArray, slopes: sp.csr_matrix) -> None:
         by_column = 1 / np.sqrt(curvature)
         entries = slopes.data * by_column[slopes.indices]
-        row = np.repeat(np.arange(frame.size), np.diff(slopes.indptr))
-        length = np.sqrt(np.bincount(row, entries**2, minlength=frame.size))
+        row = np.repeat(np.arange(slopes.shape[0]), np.diff(slopes.indptr))
+        length = np.sqrt(np.bincount(row, entries**2, minlength=slopes.shape[0]))
         by_row = 1 / np.where(length > 0, length, 1.0)
         self.scale = np.concatenate([by_column, by_row])
         self.rows = sp.csr_matrix((entries * by_row[row], slopes.indices, slopes.indptr), slopes.shape)
         self.columns = self.rows.T.tocsr()
-        _, which, n_rows = np.unique(frame, return_inverse=True, return_counts=True)
-        order, within = np.argsort(which, kind="stable"), np.empty(frame.size, dtype=np.int64)
-        within[order] = np.arange(frame.size) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows)
-        self.place = (which, within)
-        self.shape = (n_rows.size, n_rows.max(initial=0))
-        products = (self.rows @ self.columns).tocoo()
-        matrix = np.tile(np.eye(self.shape[1]), (n_rows.size, 1, 1))
-        matrix[which[products.row], self.place[1][products.row], self.place[1][products.col]] = products.data
-        diagonal = np.arange(self.shape[1])
-        matrix[:, diagonal, diagonal] += _RIDGE
-        self.inverse = np.linalg.inv(matrix)
+        self.groups = _inverted(self.rows @ self.columns)
+        largest = np.max([np.abs(inverse).max() for _, inverse in self.groups], initial=0.0)
+        #: Groups are small, and rows far enough from dependent.
+        self.is_well_posed = bool(self.groups) and bool(largest < _WELL_POSED)
+        self.is_exact = bool(largest < _EXACT)
 
     def solve(self, right: FloatArray) -> FloatArray:
-        y, z = np.split(right, [right.shape[0] - self.place[0].size])
-        pushed = np.zeros((*self.shape, *right.shape[1:]))
-        pushed[self.place] = self.rows @ y - z
-        multipliers = (self.inverse @ pushed.reshape(*self.shape, -1)).reshape(pushed.shape)[self.place]
+        y, z = np.split(right, [self.rows.shape[1]])
+        pushed = self.rows @ y - z
+        multipliers = np.empty_like(pushed)
+        for members, inverse in self.groups:
+            own = pushed[members]
+            multipliers[members] = (inverse @ own.reshape(*members.shape, -1)).reshape(own.shape)
         return np.concatenate([y - self.columns @ multipliers, multipliers])
 
     def times(self, found: FloatArray) -> FloatArray:
-        x, multipliers = np.split(found, [found.shape[0] - self.place[0].size])
+        x, multipliers = np.split(found, [self.rows.shape[1]])
         return np.concatenate([x + self.columns @ multipliers, self.rows @ x])
+
+
+def _inverted(products: sp.csr_matrix) -> list[tuple[IntArray, FloatArray]]:
+    """Invert a matrix that falls apart into small ones; none where a group is large.
+
+    Returns
+    -------
+    list of (members, inverse)
+        Rows (n_groups, size) of all groups of one size, and their inverses (n_groups, size, size).
+    """
+    _, group = connected_components(products, directed=False)
+    count = np.bincount(group)
+    if count.max() > _MOST_ROWS:
+        return []
+    order = np.lexsort((group, count[group]))
+    size = count[group][order]
+    is_first = np.append(True, np.diff(group[order]) != 0)
+    within, begin = np.empty_like(order), np.empty_like(order)  # place in its group; of a row in all matrices
+    within[order] = np.arange(order.size) - np.flatnonzero(is_first)[np.cumsum(is_first) - 1]
+    begin[order] = np.cumsum(size) - size
+    products = products.tocoo()
+    entries = np.zeros(size.sum())
+    entries[begin[products.row] + within[products.col]] = products.data
+    entries[begin + within] += _RIDGE
+    found = []
+    for n, first, length in zip(*np.unique(size, return_index=True, return_counts=True), strict=True):
+        start = begin[order[first]]
+        matrix = entries[start : start + length * n].reshape(-1, n, n)
+        found.append((order[first : first + length].reshape(-1, n), np.linalg.inv(matrix)))
+    return found
 
 
 def sparse(parts: Sequence[Part], shape: tuple[int, int]) -> sp.csr_matrix:
     """Add up entries with their rows and columns."""
+    return sp.csr_matrix(_joined(parts), shape=shape)
+
+
+def sparse_square(parts: Sequence[Part], size: int, kept: IntArray) -> sp.csr_matrix:
+    """Add up entries of a square matrix, and keep some of its rows and the same columns."""
+    place = np.full(size, -1)
+    place[kept] = np.arange(kept.size)
+    values, (row, column) = _joined(parts)
+    row, column = place[row], place[column]
+    own = (row >= 0) & (column >= 0)
+    return sp.csr_matrix((values[own], (row[own], column[own])), shape=(kept.size, kept.size))
+
+
+def _joined(parts: Sequence[Part]) -> tuple[FloatArray, tuple[IntArray, IntArray]]:
     if not parts:
-        return sp.csr_matrix(shape)
+        return np.zeros(0), (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     values, row, column = (np.concatenate([np.ravel(part[i]) for part in parts]) for i in range(3))
-    return sp.csr_matrix((values, (row, column)), shape=shape)
+    return values, (row, column)
+
+
+def diagonal(parts: Sequence[Part], size: int) -> FloatArray:
+    """Add up the entries on the diagonal of a square matrix."""
+    found = np.zeros(size)
+    for entries, row, column in parts:
+        own = row == column
+        found += np.bincount(row[own], entries[own], minlength=size)
+    return found
+
+
+def stacked(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
+    """Put matrices below each other."""
+    filled = [matrix for matrix in matrices if matrix.shape[0]] or matrices[:1]
+    return filled[0] if len(filled) == 1 else sp.vstack(filled, format="csr")
+
+
+def largest_of_rows(matrix: sp.csr_matrix) -> FloatArray:
+    """Give the largest entry of every row, none of which is negative; zero where there is none."""
+    filled = np.diff(matrix.indptr) > 0
+    largest = np.zeros(filled.size)
+    if filled.any():
+        largest[filled] = np.maximum.reduceat(matrix.data, matrix.indptr[:-1][filled])
+    return largest
 
 
 def dense_rows(rows: FloatArray) -> sp.csr_matrix:

@@ -173,7 +173,7 @@ class Changes:
     @functools.cached_property
     def used(self) -> dict[Key, IntArray]:
         """Entries of a frame that some parameter changes, by array."""
-        changed = {key: (change != 0).sum(axis=1).A1 > 0 for key, change in self.arrays.items()}
+        changed = {key: np.diff(change.indptr) > 0 for key, change in self.arrays.items()}
         return {
             key: np.flatnonzero(row.reshape(self.n_frames, -1).any(axis=0)) for key, row in changed.items()
         }

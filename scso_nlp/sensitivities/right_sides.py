@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Changes
 from scso_nlp.sensitivities.turned import Turned
-from scso_nlp.transcription.by_data import Slopes, mixed_by_data
+from scso_nlp.transcription.by_data import Slopes, by_data_and_unknowns, mixed_by_data
 from scso_nlp.transcription.describe import FrameProgram
-from scso_nlp.transcription.piece import Piece, evaluate
+from scso_nlp.transcription.piece import Piece, Seen, evaluate
 from scso_nlp.transcription.rows import MatrixBlock
 from scso_nlp.validation import FloatArray, IntArray
 
@@ -34,6 +33,10 @@ class RightSides:
         Of the optimal objective: of the Lagrangian, by the frame that it stands in.
     matrices : tuple of ndarray, shape (n_frames, n_entries, n_parameters)
         Of the matrices less their levels.
+    tendon_force : ndarray, shape (n_frames, n_muscles, n_parameters)
+    tendon_force_slopes : (muscles, unknowns, entries)
+        Derivatives of tendon forces by unknowns: entries (n_frames, n_entries) with the places of their
+        muscles and unknowns.
     """
 
     lagrangian: FloatArray
@@ -41,6 +44,8 @@ class RightSides:
     values: FloatArray
     objective: FloatArray
     matrices: tuple[FloatArray, ...]
+    tendon_force: FloatArray
+    tendon_force_slopes: tuple[IntArray, IntArray, FloatArray]
 
 
 def right_sides(conditions: Conditions, program: FrameProgram, changes: Changes) -> RightSides:
@@ -66,6 +71,7 @@ class _RightSides:
         self.conditions, self.changes = conditions, changes
         self.program, self.point = program, conditions.point
         self.n, self.size = conditions.n, conditions.size
+        self.seen: dict[bool, Seen] = {}
         self.n_parameters = changes.lower.shape[1]
         self.lagrangian = np.zeros((self.n * self.size, self.n_parameters))
         self.objective = np.zeros((self.n, self.n_parameters))
@@ -99,13 +105,27 @@ class _RightSides:
             self._matrix(turned, block)
             for turned, block in zip(self.conditions.turned, self.program.matrices, strict=True)
         ]
+        piece = self.program.tendon_force
+        slopes, tendon_force_slopes = by_data_and_unknowns(piece, self.changes.used, self._seen(piece))
+        n_muscles = piece.expression.numel()
+        places = np.arange(self.n * n_muscles).reshape(self.n, n_muscles)
+        tendon_force = np.zeros((places.size, self.n_parameters))
+        _add_product(tendon_force, slopes, self.changes, places)
         return RightSides(
             lagrangian=self.lagrangian,
             rows=np.concatenate([rows, *(rows_of for _, rows_of in of_matrices)]),
             values=self.values,
             objective=self.objective,
             matrices=tuple(entries for entries, _ in of_matrices),
+            tendon_force=tendon_force.reshape(self.n, n_muscles, -1),
+            tendon_force_slopes=tendon_force_slopes,
         )
+
+    def _seen(self, piece: Piece) -> Seen:
+        """Give what all pieces of one frame, or all of two, see."""
+        if piece.is_pair not in self.seen:
+            self.seen[piece.is_pair] = Seen.by(piece, self.point.x, self.program.arrays)
+        return self.seen[piece.is_pair]
 
     def _unknowns(self, piece: Piece) -> IntArray:
         """Places of the unknowns that each frame or pair of a piece sees."""
@@ -126,16 +146,9 @@ class _RightSides:
         self, target: FloatArray, piece: Piece, places: IntArray, multipliers: FloatArray | None = None
     ) -> None:
         """Add what parameters change of a piece to places (n, n_rows) of a target, and of its gradient."""
-        of_rows, of_gradient = mixed_by_data(
-            piece, self.changes.used, self.point.x, self.program.arrays, multipliers
-        )
-        for goal, slopes, where in (
-            (target, of_rows, places),
-            (self.lagrangian, of_gradient, self._unknowns(piece)),
-        ):
-            if slopes:
-                change = product(slopes, self.changes, where)
-                goal[: len(change)] += change
+        of_rows, of_gradient = mixed_by_data(piece, self.changes.used, self._seen(piece), multipliers)
+        _add_product(target, of_rows, self.changes, places)
+        _add_product(self.lagrangian, of_gradient, self.changes, self._unknowns(piece))
 
     def _matrix(self, turned: Turned, block: MatrixBlock) -> tuple[FloatArray, FloatArray]:
         """Change of a matrix less its levels, and of its rows; that of the Lagrangian is added."""
@@ -145,9 +158,10 @@ class _RightSides:
         keys = self.changes.used
         places = np.arange(self.n * n_weights).reshape(self.n, n_weights)
         of_rows, of_gradient = mixed_by_data(
-            block.piece, keys, self.point.x, arrays, turned.by_weights(arrays)
+            block.piece, keys, self._seen(block.piece), turned.by_weights(arrays)
         )
-        of_weights = product(of_rows, self.changes, places)
+        of_weights = np.zeros((places.size, self.n_parameters))
+        _add_product(of_weights, of_rows, self.changes, places)
         entries = matrices @ of_weights.reshape(self.n, n_weights, -1)
         counted = turned.weights
         if block.matrices in keys:
@@ -161,7 +175,8 @@ class _RightSides:
             entries += self.changes.arrays[block.constant].toarray().reshape(*entries.shape)
         row, column = block.triangle
         entries -= np.where((row == column)[:, None], self.changes.levels[block.term][row], 0.0)
-        self.lagrangian -= product(of_gradient, self.changes, self._unknowns(block.piece))
+        of_gradient = [replace(slopes, values=-slopes.values) for slopes in of_gradient]
+        _add_product(self.lagrangian, of_gradient, self.changes, self._unknowns(block.piece))
         bend = turned.bend @ turned.slopes
         self.lagrangian += (bend.transpose(0, 2, 1) @ (turned.bend @ entries)).reshape(
             len(self.lagrangian), -1
@@ -170,27 +185,24 @@ class _RightSides:
         return entries, (turned.rows @ entries).reshape(-1, self.n_parameters)
 
 
-def product(slopes: Sequence[Slopes], changes: Changes, places: IntArray) -> FloatArray:
-    """Multiply derivatives by arrays with what parameters change of these.
+def _add_product(goal: FloatArray, slopes: Sequence[Slopes], changes: Changes, places: IntArray) -> None:
+    """Multiply derivatives by arrays with what parameters change of these, and add that to a goal.
 
     Parameters
     ----------
+    goal : ndarray, shape (n_frames * n_column or more, n_parameters), contiguous
     slopes : sequence of Slopes
         Of a column in all frames or pairs.
     changes : Changes
     places : ndarray of int, shape (n, n_column)
-        Where its entries stand in the result.
-
-    Returns
-    -------
-    ndarray, shape (n_frames * n_column or more, n_parameters)
+        Where its entries stand in the goal.
     """
-    total = np.zeros((int(places.max(initial=-1)) + 1, changes.lower.shape[1]))
     for found in slopes:
         change = changes.arrays[found.key]
         frame = np.arange(len(found.values))[:, None] + found.offset
-        column = frame * (change.shape[0] // changes.n_frames) + found.entry
-        where = (places[:, found.row].ravel(), column.ravel())
-        matrix = sp.csr_matrix((found.values.ravel(), where), shape=(len(total), change.shape[0]))
-        total += (matrix @ change).toarray()
-    return total
+        number = (frame * (change.shape[0] // changes.n_frames) + found.entry).ravel()
+        first, count = change.indptr[number], np.diff(change.indptr)[number]
+        own = np.repeat(np.arange(number.size), count)  # each number as often as there are parameters of it
+        entry = np.arange(own.size) + np.repeat(first - np.cumsum(count) + count, count)
+        where = places[:, found.row].ravel()[own] * goal.shape[1] + change.indices[entry]
+        np.add.at(goal.reshape(-1), where, found.values.ravel()[own] * change.data[entry])

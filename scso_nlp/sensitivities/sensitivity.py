@@ -14,11 +14,10 @@ from scso_nlp.exceptions import DataError
 from scso_nlp.muscle_models.muscle_classes import DIFFERENTIABLE
 from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.sensitivities.parameters import Parameter, changes_of, symbols_for
-from scso_nlp.sensitivities.right_sides import RightSides, product, right_sides
+from scso_nlp.sensitivities.right_sides import RightSides, right_sides
 from scso_nlp.solution import Solution
 from scso_nlp.solver.described import program_of
 from scso_nlp.solver.threads import one_thread
-from scso_nlp.transcription.by_data import by_data, by_unknowns
 from scso_nlp.transcription.describe import describe
 from scso_nlp.transcription.layout import PROBLEM
 from scso_nlp.validation import BoolArray, FloatArray
@@ -222,7 +221,7 @@ class _Differentiated:
         self.program = program = program_of(solution)
         problem = replace(solution.problem, observed=())
         if symbols := symbols_for(self.parameters, problem):
-            self.program = describe(problem, symbols, program.split)
+            self.program = describe(problem, symbols, program)
         self.changes = changes_of(self.parameters, self.program)
         self.conditions = Conditions(program, solution)
         self.conditions.settle()
@@ -269,7 +268,8 @@ class _Differentiated:
         """Solve with the right sides of all parameters."""
         conditions, program, n = self.conditions, self.program, self.conditions.n
         linear, right = conditions.linear, self.right
-        both = np.concatenate([-right.lagrangian[linear.free], -right.rows[linear.rows]])
+        both = np.concatenate([right.lagrangian[linear.free], right.rows[linear.rows]])
+        np.negative(both, out=both)
         unknowns, multipliers = conditions.spread(linear.solve(both))
         by_frame = unknowns.reshape(n, conditions.size, -1)
         by_frame[~conditions.is_regular] = np.nan
@@ -300,7 +300,7 @@ class _Differentiated:
             regularity=self.regularity,
             activation=parts.pop((PROBLEM, "activation")),
             control=parts.pop((PROBLEM, "control")),
-            tendon_force=_turned(self._force_by_unknowns(by_frame) + self._force_by_parameters()),
+            tendon_force=_turned(self._tendon_force(by_frame)),
             variables={f"{owner}.{name}": values for (owner, name), values in parts.items()},
             row_value=row_value,
             row_multiplier=row_multiplier,
@@ -317,12 +317,10 @@ class _Differentiated:
         for name, given in weights.items():
             counts |= (given != 0).any(axis=1)
             if name == "tendon_force":
-                row, column, entries = by_unknowns(
-                    self.program.tendon_force, conditions.point.x, self.program.arrays
-                )
+                row, column, entries = self.right.tendon_force_slopes
                 for i, (m, j) in enumerate(zip(row, column, strict=True)):
                     weight[:, j] += given[:, m] * entries[:, i]
-                value += np.einsum("kmp,km->p", self._force_by_parameters(), given)
+                value += np.einsum("kmp,km->p", self.right.tendon_force, given)
             else:
                 for b in layout.blocks:
                     if (b.owner, b.spec.name) == (PROBLEM, name):
@@ -338,27 +336,16 @@ class _Differentiated:
             value[:] = np.nan
         return Gradient(parameters=self.parameters, regularity=self.regularity, value=value)
 
-    def _force_by_unknowns(self, change: FloatArray) -> FloatArray:
+    def _tendon_force(self, change: FloatArray) -> FloatArray:
         """Change of tendon forces (n_frames, n_muscles, n_parameters) with that of the unknowns."""
-        row, column, entries = by_unknowns(
-            self.program.tendon_force, self.conditions.point.x, self.program.arrays
-        )
-        n, _, n_parameters = change.shape
-        result = np.zeros((n, self.solution.tendon_force.shape[1], n_parameters))
+        row, column, entries = self.right.tendon_force_slopes
+        result = self.right.tendon_force.copy()
         if np.unique(row).size == row.size:  # one unknown a muscle
-            result[:, row] = entries[:, :, None] * change[:, column]
+            result[:, row] += entries[:, :, None] * change[:, column]
             return result
         for i, (m, j) in enumerate(zip(row, column, strict=True)):
             result[:, m] += entries[:, i, None] * change[:, j]
         return result
-
-    def _force_by_parameters(self) -> FloatArray:
-        """Change of tendon forces at fixed unknowns, shape (n_frames, n_muscles, n_parameters)."""
-        piece, n = self.program.tendon_force, self.conditions.n
-        n_muscles = piece.expression.numel()
-        places = np.arange(n * n_muscles).reshape(n, n_muscles)
-        slopes = by_data(piece, self.changes.used, self.conditions.point.x, self.program.arrays)
-        return product(slopes, self.changes, places).reshape(n, n_muscles, -1)
 
     def _by_term(
         self, values: FloatArray, multipliers: FloatArray, by_frame: FloatArray

@@ -141,7 +141,7 @@ def local_model(program: FrameProgram) -> LocalModel:
     """
     alone = [piece for _, piece in program.objectives if not piece.is_pair]
     pairs = [piece for _, piece in program.objectives if piece.is_pair]
-    costs = tuple(second_order(piece) for piece in alone)
+    costs = tuple(piece.curvature for piece in alone)
     curved_rows = tuple(
         (first_order(piece), rows) for piece, rows in program.split.nonlinear if not piece.is_pair
     )

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from scso_nlp.transcription.layout import Given
-from scso_nlp.transcription.piece import Key, Piece, evaluate_once, jacobian_by_rows
+from scso_nlp.transcription.piece import Key, Piece, Seen, jacobian_by_rows
 from scso_nlp.validation import FloatArray, IntArray
 
 #: Where the multipliers of a weighted piece stand among the arrays.
@@ -41,18 +41,10 @@ def weighted(piece: Piece) -> Piece:
     )
 
 
-def by_data(
-    piece: Piece, used: Mapping[Key, IntArray], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
-) -> list[Slopes]:
-    """Differentiate a piece by entries of arrays, those of a frame in their order, at (n_frames, size)."""
-    return _evaluated(piece, [_first(piece, used)], unknowns, arrays)[0]
-
-
 def mixed_by_data(
     piece: Piece,
     used: Mapping[Key, IntArray],
-    unknowns: FloatArray,
-    arrays: Mapping[Key, FloatArray],
+    seen: Seen,
     multipliers: FloatArray | None = None,
 ) -> tuple[list[Slopes], list[Slopes]]:
     """Differentiate a piece by entries of arrays, and then the sum of its rows by its unknowns.
@@ -64,8 +56,8 @@ def mixed_by_data(
     piece : Piece
     used : mapping of (owner, name) to ndarray of int
         Entries of a frame, in their order.
-    unknowns : ndarray, shape (n_frames, size)
-    arrays : mapping of (owner, name) to ndarray
+    seen : Seen
+        What the piece sees.
     multipliers : ndarray, shape (n, n_rows), optional
         By what rows count in the sum; one by default.
 
@@ -75,18 +67,17 @@ def mixed_by_data(
         Of the rows, and of the gradient of their sum by all unknowns.
     """
     rows, first = piece.expression.numel(), _first(piece, used)
-    weight = ca.SX.ones(rows)
-    if multipliers is not None:
-        weight = ca.SX.sym("multiplier", rows)
-        piece = replace(piece, given=(*piece.given, Given(key=MULTIPLIERS, symbol=weight)))
-        arrays = {**arrays, MULTIPLIERS: multipliers}
+    more = None if multipliers is None else ca.SX.sym("multiplier", rows)
+    weight = ca.SX.ones(rows) if more is None else more
     second = []
     for part in first:
         of_sum = ca.jacobian(part.entries.T @ weight, piece.all_unknowns)
         place, row = (np.array(v, dtype=np.int64) for v in of_sum.sparsity().get_triplet())
-        second.append(replace(part, entries=of_sum, row=row, entry=used[part.key][place]))
-    of_rows, of_gradient = _evaluated(piece, [first, second], unknowns, arrays)
-    return of_rows, of_gradient
+        if row.size:
+            second.append(replace(part, entries=of_sum, row=row, entry=used[part.key][place]))
+    parts = first + second
+    values = seen.evaluate_once([part.entries.nz[:] for part in parts], more, multipliers)
+    return _slopes(first, values[: len(first)]), _slopes(second, values[len(first) :])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +91,15 @@ class _Part:
     entries: ca.SX
 
 
+def _slopes(parts: Sequence[_Part], values: Sequence[FloatArray]) -> list[Slopes]:
+    return [
+        Slopes(key=part.key, offset=part.offset, row=part.row, entry=part.entry, values=numbers)
+        for part, numbers in zip(parts, values, strict=True)
+    ]
+
+
 def _first(piece: Piece, used: Mapping[Key, IntArray]) -> list[_Part]:
+    """Differentiate by all arrays in question; those without entries are left out."""
     found = []
     for given in piece.given:
         if given.key not in used:
@@ -113,31 +112,29 @@ def _first(piece: Piece, used: Mapping[Key, IntArray]) -> list[_Part]:
         is_wide = piece.expression.numel() < chosen.numel()
         jacobian = (jacobian_by_rows if is_wide else ca.jacobian)(piece.expression, chosen)
         row, place = (np.array(v, dtype=np.int64) for v in jacobian.sparsity().get_triplet())
-        part = _Part(key=given.key, offset=given.offset, row=row, entry=entries[place], entries=jacobian)
-        found.append(part)
+        if row.size:
+            entry = entries[place]
+            part = _Part(key=given.key, offset=given.offset, row=row, entry=entry, entries=jacobian)
+            found.append(part)
     return found
 
 
-def _evaluated(
-    piece: Piece, lists: Sequence[Sequence[_Part]], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
-) -> list[list[Slopes]]:
-    """Evaluate several lists of derivatives together; those without entries are left out."""
-    lists = [[part for part in parts if part.row.size] for parts in lists]
-    columns = [part.entries.nz[:] for parts in lists for part in parts]
-    values = iter(evaluate_once(piece, columns, unknowns, arrays) if columns else ())
-    return [
-        [Slopes(key=p.key, offset=p.offset, row=p.row, entry=p.entry, values=next(values)) for p in parts]
-        for parts in lists
-    ]
+def by_data_and_unknowns(
+    piece: Piece, used: Mapping[Key, IntArray], seen: Seen
+) -> tuple[list[Slopes], tuple[IntArray, IntArray, FloatArray]]:
+    """Differentiate a piece by entries of arrays, and by its unknowns.
 
+    By unknowns all rows at once: for columns of which each entry has unknowns of its own, as forces of
+    muscles.
 
-def by_unknowns(
-    piece: Piece, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows, columns and entries (n, n_entries) of the derivatives of a piece by its unknowns.
-
-    All rows at once: for columns of which each entry has unknowns of its own, as forces of muscles.
+    Returns
+    -------
+    by_data : list of Slopes
+    by_unknowns : (row, column, entries)
+        With entries of shape (n, n_entries).
     """
     matrix = ca.jacobian(piece.expression, piece.all_unknowns)
     row, column = (np.array(v, dtype=np.int64) for v in matrix.sparsity().get_triplet())
-    return row, column, evaluate_once(piece, [matrix.nz[:]], unknowns, arrays)[0]
+    parts = _first(piece, used)
+    entries, *values = seen.evaluate_once([matrix.nz[:], *(part.entries.nz[:] for part in parts)])
+    return _slopes(parts, values), (row, column, entries)

@@ -142,23 +142,30 @@ class FrameProgram:
 def describe(
     problem: MuscleForceProblem,
     differentiated: Set[str] = frozenset(),
-    split: SplitRows | None = None,
+    known: FrameProgram | None = None,
 ) -> FrameProgram:
     """Ask every term for its expressions on the symbols of one frame or of two.
 
     Constants with the names in `differentiated` are symbols too; their numbers are among the arrays. With
-    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others. Rows need not
-    be split again if `split` is that of another description of the same problem.
+    ``"moment_arms"`` among them, those that are zero in all frames are symbols like all others. Data of terms
+    need not be collected, nor rows be split again, if the problem has a `known` description without such
+    symbols.
     """
-    return _Description(problem, differentiated).program(split)
+    return _Description(problem, differentiated, known).program()
 
 
 class _Description:
     """A description under way: unknowns for what may be missed are added as terms ask for them."""
 
-    def __init__(self, problem: MuscleForceProblem, differentiated: Set[str]) -> None:
-        self.problem, self.constants = problem, Constants(differentiated)
-        self.layout, self.arrays = make_layout(problem), collect_data(problem)
+    def __init__(
+        self, problem: MuscleForceProblem, differentiated: Set[str], known: FrameProgram | None
+    ) -> None:
+        self.problem, self.constants, self.known = problem, Constants(differentiated), known
+        self.layout = make_layout(problem)
+        if known is None:
+            self.arrays = collect_data(problem)
+        else:
+            self.arrays = {given.key: known.arrays[given.key] for given in known.tendon_force.given}
         self.now = self.later = make_symbols(self.layout, self.arrays, self.constants)
         if problem.coupled_terms:
             self.later = make_symbols(self.layout, self.arrays, self.constants, offset=1)
@@ -167,10 +174,12 @@ class _Description:
         if problem.coupled_terms:
             self.arrays[_DT] = np.diff(problem.motion.trajectory.time)
 
-    def program(self, split: SplitRows | None) -> FrameProgram:
+    def program(self) -> FrameProgram:
         """Collect the expressions first, because all pieces share all unknowns."""
         problem, motion = self.problem, self.problem.motion
-        frame, later_frame = self.now.frame(problem), self.later.frame(problem)
+        frame = later_frame = self.now.frame(problem)
+        if self.later is not self.now:
+            later_frame = self.later.frame(problem)
         costs: list[tuple[str, ca.SX, bool]] = []
         answers: list[tuple[str, Rows | MatrixRows | None, bool]] = []
         model = problem.muscle_model
@@ -231,7 +240,7 @@ class _Description:
             pair_rows=tables[1],
             matrices=tuple(matrices),
             observed=tuple(block for block in of_observed if block is not None),
-            split=split or self._split(tables[0], tables[1]),
+            split=self._split(tables[0], tables[1]) if self.known is None else self.known.split,
             tendon_force=self._piece(ca.densify(frame.muscle.tendon_force), False),
             quantities=quantities,
         )

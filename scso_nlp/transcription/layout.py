@@ -255,9 +255,9 @@ class FrameSymbols:
 
     def frame(self, problem: MuscleForceProblem) -> Frame:
         """Make the frame that the muscle model has completed."""
-        bare = self._for(problem.muscle_model.name, self._bare())
-        state = problem.muscle_model.state(bare, problem.motion)
-        return replace(self._bare(), muscle=state)
+        bare = self._bare()
+        state = problem.muscle_model.state(self._for(problem.muscle_model.name, bare), problem.motion)
+        return replace(bare, muscle=state)
 
     def for_term(self, name: str, frame: Frame) -> Frame:
         """Give a frame the unknowns and data of one term."""

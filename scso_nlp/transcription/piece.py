@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -20,9 +20,6 @@ _FRAMES_AT_ONCE = 128
 
 #: Functions of more instructions or inputs are called frame by frame: to make one for many takes longer.
 _MANY = 1000
-
-#: For fewer frames than this, so is a function that is of use once.
-_FRAMES_FOR_ONCE = 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,38 +152,14 @@ def evaluate(
     -------
     list of ndarray, shape (n_frames or n_frames - 1, n_output_nonzeros)
     """
-    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
-    return _evaluated(piece, piece.data, function, unknowns, arrays, one_by_one=one_by_one)
-
-
-def evaluate_once(
-    piece: Piece, outputs: Sequence[ca.SX], unknowns: FloatArray, arrays: Mapping[Key, FloatArray]
-) -> list[FloatArray]:
-    """Evaluate outputs of a piece as :func:`evaluate` does, by a function that is of no more use."""
-    if len(unknowns) >= _FRAMES_FOR_ONCE:
-        piece = replace(piece, expression=ca.veccat(*outputs))
-        return evaluate(piece, piece.function(*outputs), unknowns, arrays)
-    inputs = [*piece.unknowns, *(each.symbol for each in piece.given)]  # what they depend on takes longer
-    function = ca.Function("piece", inputs, outputs)
-    return _evaluated(piece, piece.given, function, unknowns, arrays, one_by_one=True)
-
-
-def _evaluated(
-    piece: Piece,
-    data: Sequence[Given],
-    function: ca.Function,
-    unknowns: FloatArray,
-    arrays: Mapping[Key, FloatArray],
-    *,
-    one_by_one: bool,
-) -> list[FloatArray]:
-    """Evaluate a function of the unknowns of a piece and of data."""
     n = len(unknowns) - piece.is_pair
-    inputs = [unknowns[side : side + n] for side in range(len(piece.unknowns))]
-    inputs += [each.numbers(arrays, slice(each.offset, each.offset + n)) for each in data]
+    one_by_one = max(function.n_instructions(), function.nnz_in()) > _MANY
     outputs = [np.empty((n, function.nnz_out(i))) for i in range(function.n_out())]
     for part in frame_blocks(n):
-        given = [np.ascontiguousarray(array[part], dtype=float) for array in inputs]
+        given = [
+            np.ascontiguousarray(array, dtype=float)
+            for array in _numbers(piece, piece.data, unknowns, arrays, part)
+        ]
         wanted = [array[part] for array in outputs]
         buffer, call = (function if one_by_one else _mapped(function, part.stop - part.start)).buffer()
         if one_by_one:
@@ -195,6 +168,61 @@ def _evaluated(
         else:
             _call(buffer, call, given, wanted)
     return outputs
+
+
+def _numbers(
+    piece: Piece, data: Sequence[Given], unknowns: FloatArray, arrays: Mapping[Key, FloatArray], part: slice
+) -> list[FloatArray]:
+    """Take the unknowns of a piece and the data of some frames (or pairs), each of shape (n, n_entries)."""
+    start, stop = part.start, part.stop
+    own = [unknowns[start + side : stop + side] for side in range(len(piece.unknowns))]
+    return own + [each.numbers(arrays, slice(start + each.offset, stop + each.offset)) for each in data]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """All that pieces of a program with the same number of frames may see, at a point.
+
+    Attributes
+    ----------
+    symbols : ca.SX, shape (n_symbols, 1)
+    numbers : ndarray, shape (n_frames or n_frames - 1, n_symbols)
+    """
+
+    symbols: ca.SX
+    numbers: FloatArray
+
+    @classmethod
+    def by(cls, piece: Piece, unknowns: FloatArray, arrays: Mapping[Key, FloatArray]) -> Seen:
+        """Take what one of the pieces sees at scaled unknowns (n_frames, size)."""
+        every = slice(0, len(unknowns) - piece.is_pair)
+        return cls(
+            symbols=ca.vertcat(*piece.unknowns, *(each.symbol for each in piece.given)),
+            numbers=np.concatenate(_numbers(piece, piece.given, unknowns, arrays, every), axis=1),
+        )
+
+    def evaluate_once(
+        self, outputs: Sequence[ca.SX], symbols: ca.SX | None = None, numbers: FloatArray | None = None
+    ) -> list[FloatArray]:
+        """Evaluate columns in all frames by a function that is of no more use; they may have more symbols.
+
+        It has one input and one output: to find what outputs depend on, or to hand over arrays one by one,
+        takes longer than to copy all.
+        """
+        inputs = [self.symbols] if symbols is None else [self.symbols, symbols]
+        given = [self.numbers] if numbers is None else [self.numbers, np.ascontiguousarray(numbers)]
+        if not outputs:
+            return []
+        width = [output.numel() for output in outputs]
+        function = ca.Function("piece", inputs, [ca.densify(ca.veccat(*outputs))])
+        values = np.empty((len(self.numbers), sum(width)))
+        buffer, call = function.buffer()
+        for k in range(len(values)):
+            for i, array in enumerate(given):
+                buffer.set_arg(i, array[k].data)
+            buffer.set_res(0, values[k].data)
+            call()
+        return np.split(values, np.cumsum(width)[:-1], axis=1)
 
 
 def _call(

@@ -11,8 +11,9 @@ from test_architecture import EXAMPLES, MODELS, OBJECTIVES, TERMS, _with_curvatu
 
 import scso_nlp as scso
 from scso_nlp.muscle_models.muscle_classes import DIFFERENTIABLE
-from scso_nlp.transcription.by_data import by_data
+from scso_nlp.transcription.by_data import mixed_by_data
 from scso_nlp.transcription.describe import describe
+from scso_nlp.transcription.piece import Seen
 
 LAWS = (scso.FallingStiffness(), scso.ShortRangeStiffness(), scso.FiberStiffness())
 
@@ -64,8 +65,8 @@ def test_what_changes_with_a_constant_has_a_symbol_for_it(term, name):
     step = 2 * h * getattr(muscles, name)[m]
     found = zip(pieces(program), moved(-1), moved(1), strict=True)
     for piece, below, above in found:
-        exact = np.zeros(below.shape)
-        for slopes in by_data(piece, keys, x / program.layout.scale, program.arrays):
+        exact, seen = np.zeros(below.shape), Seen.by(piece, x / program.layout.scale, program.arrays)
+        for slopes in mixed_by_data(piece, keys, seen)[0]:
             np.add.at(exact, (slice(None), slopes.row), slopes.values)
         slope = (above - below) / step
         size = np.abs(slope).max(initial=0.0) + 1e-7 * np.abs(above).max(initial=0.0) / step
