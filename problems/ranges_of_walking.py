@@ -1,7 +1,8 @@
 """How far activations of 80 muscles in walking may be from the optimum at 5 % more effort, in what time.
 
 Run ``python -m problems.ranges_of_walking`` from the project's root. It prints a line of a table for static
-optimization, and for each kind of hard stability rows about knees and ankles.
+optimization, for the soft rows that :mod:`problems.walking_3d` has, and for each kind of hard stability rows
+about knees and ankles.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ def cases(problem: scso.MuscleForceProblem) -> Iterator[tuple[str, scso.MuscleFo
         return replace(some, objectives=(scso.ActivationEffort(exponent=3.0),))
 
     yield "none", kept()
+    yield "soft rows about all axes of a knee and an ankle", problem
     for name, rows in ROWS.items():
         for q in GAINS:
             yield f"{name}, q = {q:g}", kept(replace(rows, q=q))

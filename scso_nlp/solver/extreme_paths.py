@@ -22,8 +22,9 @@ from scso_nlp.validation import FloatArray
 _PRECISION, _MOST_PROGRAMS = 1e-9, 40
 #: Sides are kept to this, relative to rows of largest entry one.
 _SIDES = 1e-10
-#: Curvature of unknowns that cost linearly, over the largest [-]; the certificate does without it.
-_FLATNESS = 1e-8
+#: Curvature of unknowns that cost linearly, over the largest [-], about where they were found last; most times
+#: they are sought again, until they move by less than this much of themselves, or of one.
+_FLATNESS, _MOST_RETURNS, _ARRIVED = 1e-8, 8, 1e-10
 #: Beyond this much of its first guess effort no longer counts: rows and bounds alone decide.
 _STEEPEST = 1e8
 #: An unknown nearer to a bound than this is at it, where rows and bounds alone decide [-].
@@ -51,6 +52,7 @@ class Paths:
         reach = ((frame.costs**2) / raised).sum(axis=1)
         self.first = np.sqrt(2 * frame.rise / np.maximum(reach, 1e-300))
         self.prices = self.first if prices is None else prices
+        self.flat = np.where(frame.effort.weight > 0, 0.0, raised)
         self.model = daqp.Model()
         self.model.settings = {"primal_tol": _SIDES}
         low, high = np.concatenate([frame.lower, frame.low]), np.concatenate([frame.upper, frame.high])
@@ -82,8 +84,7 @@ class Paths:
         """Least E + s cost'x, sought from a point x on, and multipliers of the rows; None if not found."""
         effort = self.frame.effort
         if effort.exponent == 2:
-            self.model.update(f=effort.slope + s * cost)
-            return self._solved()
+            return self._on_straight_path(effort.slope + s * cost, x)
         for n_steps in range(_MOST_STEPS):
             gradient, curvature = effort.gradient(x) + s * cost, self._curvature(x, n_steps)
             self.model.update(H=np.diag(curvature), f=gradient - curvature * x)
@@ -100,6 +101,20 @@ class Paths:
             if promise <= _PROMISE * self.frame.rise:
                 break
         return x, multipliers
+
+    def _on_straight_path(self, slope: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Least sum of squares with a slope; what costs linearly is sought about where it was found last."""
+        solved = None
+        for _ in range(_MOST_RETURNS):
+            self.model.update(f=slope - self.flat * x)
+            solved, before = self._solved(), x
+            if solved is None or not self.flat.any():
+                break
+            x = solved[0]
+            moved = np.abs(x - before)[self.flat > 0]
+            if (moved <= _ARRIVED * np.maximum(1.0, np.abs(x[self.flat > 0]))).all():
+                break
+        return solved
 
     def _solved(self) -> tuple[FloatArray, FloatArray] | None:
         x, _, flag, info = self.model.solve()

@@ -118,8 +118,7 @@ def ranges(solution: Solution, *, effort: float = 0.05) -> Ranges:
 
     Notes
     -----
-    Where levels may be missed at a price, effort buys misses, and least stability is what it buys; the flat
-    cost of misses may leave a gap between what is attained and what is certified (``gap``).
+    Where levels may be missed at a price, effort buys misses, and least stability is what it buys.
 
     The stability of a whole Hessian along one coordinate is affine in the unknowns and has a certificate. Its
     smallest eigenvalue is a concave function of them: how low it may be is no convex problem, of which

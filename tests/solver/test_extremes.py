@@ -23,20 +23,27 @@ def least_by_clarabel(problem, k, cost, most, exponent=2.0, matrices=(), price=N
 
     For p other than 2 every power has a bound t of its own: (t, 1, x) in the power cone of 1/p. Pairs (M, K)
     of `matrices` are matrix inequalities K + sum x_i M_i ⪰ 0. With a price (and p = 2), x has one unknown
-    more: what all eigenvalues may be negative by, over SCALE, which adds to the effort.
+    more, which adds to the effort: what all eigenvalues may be negative by, over SCALE; without matrices one
+    for every row, what it may miss.
     """
     weights, a, b, g, h, lower, upper = frame_arrays(problem, k)
-    if price is not None:
-        weights, lower, upper = np.append(weights, 0.0), np.append(lower, 0.0), np.append(upper, np.inf)
-        a, g = (np.pad(rows, ((0, 0), (0, 1))) for rows in (a, g))
-        matrices = [(np.concatenate([m, SCALE * np.eye(len(c))[None]]), c) for m, c in matrices]
+    n_missed = 0 if price is None else 1 if matrices else len(h)
+    if n_missed:
+        weights, lower = (np.pad(each, (0, n_missed)) for each in (weights, lower))
+        upper, a = np.append(upper, np.full(n_missed, np.inf)), np.pad(a, ((0, 0), (0, n_missed)))
+        cost = np.pad(cost, (0, a.shape[1] - cost.size))
+        if matrices:
+            g = np.pad(g, ((0, 0), (0, 1)))
+            matrices = [(np.concatenate([m, SCALE * np.eye(len(c))[None]]), c) for m, c in matrices]
+        else:
+            g = np.hstack([g, np.eye(n_missed)])
     n = a.shape[1]
     below, above = np.isfinite(lower), np.isfinite(upper)
     sides = np.vstack([-g, -np.eye(n)[below], np.eye(n)[above]])
     limits = np.concatenate([-h, -lower[below], upper[above]])
     cones = [clarabel.ZeroConeT(len(b)), clarabel.NonnegativeConeT(len(limits))]
     if price is not None:  # u = most - price * missed: (u + 1)^2 >= (u - 1)^2 + 4 x'Wx
-        u = np.eye(n)[-1] * price * SCALE
+        u = np.repeat([0.0, price * (SCALE if matrices else 1.0)], [n - n_missed, n_missed])
         matrix = np.vstack([a, sides, u, u, -2 * np.diag(np.sqrt(weights))])
         ends = [most + 1, most - 1, *np.zeros(n)]
         cones.append(clarabel.SecondOrderConeT(n + 2))
@@ -101,6 +108,34 @@ def test_extremes_are_those_of_a_conic_solver_and_certified(effort, reserve, sta
                 -least_by_clarabel(problem, k, -row, most) - low for row, low in zip(g, h, strict=True)
             ]
             np.testing.assert_allclose(found.greatest_stability[k], level + most_row, atol=1e-4)
+
+
+@pytest.mark.parametrize("effort", [0.001, 0.05, 1.0])
+@pytest.mark.parametrize("price", [0.0003, 0.01, 0.3])
+def test_extremes_where_rows_may_be_missed_are_those_of_a_conic_solver(rng, price, effort):
+    """What is missed costs linearly: no curvature holds it, and no gap is left all the same."""
+    problem = random_problem(rng, n_frames=2, n_muscles=8, reserve=5.0)
+    (stability,) = problem.stability_terms
+    level = {row: 100.0 + value for row, value in stability.level.items()}
+    stability = dataclasses.replace(stability, level=level, soft=price)
+    problem = dataclasses.replace(problem, constraints=(problem.constraints[0], stability))
+    solution = scso.solve_trajectory(problem, on_failure="return")
+    missed = solution.rows["JointStability"].missed
+    assert missed.max() > 1.0
+    found = scso.ranges(solution, effort=effort)
+    assert found.gap < 1e-7
+    for k in range(2):
+        x = np.concatenate([solution.activation[k], solution.control[k]])
+        most = (1 + effort) * float(x @ x + price * missed[k].sum())
+
+        def least(cost, k=k, most=most):
+            return least_by_clarabel(problem, k, cost, most, price=price)
+
+        check_activations(found, problem, k, least, 1e-5)
+        for i, row in enumerate(frame_arrays(problem, k)[3]):
+            value = solution.rows["JointStability"].value[k, i] - row @ x
+            attained = found.least_stability[k, i] - value, found.greatest_stability[k, i] - value
+            np.testing.assert_allclose(attained, [least(row), -least(-row)], atol=1e-3)
 
 
 @pytest.mark.parametrize(
