@@ -87,11 +87,11 @@ class Conditions:
             [np.repeat(np.arange(self.n), self.n_rows[0]), np.repeat(1 + np.arange(n_pair), self.n_rows[1])]
         )
         self._collect_rows(n_pair)
+        self._take_slope(self.affine)
         self.bounds = tuple(bound.ravel() for bound in program.bounds())
         self.usable = solution.is_solved & np.isfinite(solution.activation).all(axis=1)
         self.point = self._point(solution)
         self.turned: list[Turned] = []
-        self.slope: sp.csr_matrix
         self.at_bound: IntArray
         self.is_regular: BoolArray
         self._look(choose=True)
@@ -242,7 +242,7 @@ class Conditions:
         """Evaluate rows, slopes and matrices at the point; choose what is active, or keep it."""
         x, arrays = self.point.x, self.program.arrays
         self.value = self.affine @ x.ravel() + self.constant
-        parts, slope = [], self.affine
+        parts = []
         for rows, derivatives, _ in self.curved:
             is_pair = int(derivatives.piece.is_pair)
             value, entries = derivatives.at(x, arrays)
@@ -250,10 +250,7 @@ class Conditions:
             column = np.arange(len(value))[:, None] * self.size + derivatives.column
             parts.append((entries, self.places(is_pair, rows[derivatives.row]), column))
         if parts:
-            slope = slope + sparse(parts, slope.shape)
-        if slope is not getattr(self, "slope", None):
-            self.slope, self.steepness = slope, abs(slope)
-            self.steepest = largest_of_rows(self.steepness)
+            self._take_slope(self.affine + sparse(parts, self.affine.shape))
         force = np.zeros((self.n, self.size))
         self.rise = np.zeros((self.n, self.size))
         self.cost = [cost.at(x, arrays) for cost in self.costs]
@@ -261,7 +258,7 @@ class Conditions:
             for side, own in enumerate(np.split(first, len(cost.piece.unknowns), axis=1)):
                 force[side : side + len(own)] += own
                 self.rise[side : side + len(own)] += np.abs(own)
-        force = force.ravel() + slope.T @ self.point.row
+        force = force.ravel() + self.slope.T @ self.point.row
         self.rise = self.rise.ravel() + self.steepness.T @ np.abs(self.point.row)
         self.gradient = force
         size = self.rise.reshape(self.n, -1).max(axis=1, initial=0.0)
@@ -277,6 +274,10 @@ class Conditions:
         ]
         if choose and self._choose():
             self._look(choose=False)
+
+    def _take_slope(self, slope: sp.csr_matrix) -> None:
+        self.slope, self.steepness = slope, abs(slope)
+        self.steepest = largest_of_rows(self.steepness)
 
     def _choose(self) -> bool:
         """Take bounds and rows whose multipliers outweigh distances as active; say if the point moved."""

@@ -22,8 +22,8 @@ from scso_nlp.validation import FloatArray
 _PRECISION, _MOST_PROGRAMS = 1e-9, 40
 #: Sides are kept to this, relative to rows of largest entry one.
 _SIDES = 1e-10
-#: Curvature of unknowns that cost linearly, over the largest [-], about where they were found last; most times
-#: they are sought again, until they move by less than this much of themselves, or of one.
+#: Curvature of unknowns that cost linearly, over the largest [-], about where they were found last; most
+#: times they are sought again, until they move by less than this much of themselves, or of one.
 _FLATNESS, _MOST_RETURNS, _ARRIVED = 1e-8, 8, 1e-10
 #: Beyond this much of its first guess effort no longer counts: rows and bounds alone decide.
 _STEEPEST = 1e8
