@@ -29,7 +29,18 @@ _SHARES_OF_ENTRIES = (1e-11, 1e-8)
 _MOST_STEPS, _MOST_HOLDING = 20, 6
 
 #: Steps without the curvature of eigenvalues, and the least gap to others over the largest eigenvalue [-].
-_STRAIGHT_STEPS, _LEAST_GAP = 6, 1e-9
+_STRAIGHT_STEPS, _LEAST_GAP = 3, 1e-9
+
+#: A frame without new turns has arrived where its unknowns move by less than this much of the largest, and
+#: one of two steps promises nothing: the active-set method rounds them differently [-].
+_STILL = 1e-9
+
+#: Frames take Newton's steps once no eigenvalue is below zero by more than so many times what it may be: rows
+#: of the lowest eigenvectors then stand for all turns of which these leave no more than this of the square.
+_NEARLY, _INSIDE = 100.0, 1e-3
+
+#: Turns that hold are brought this near to the eigenvectors that they are for [rad].
+_TURNED = 1e-9
 
 #: Eigenvalues are brought to this share of what they may be below zero.
 _SHARE_OF_TOLERANCE = 1e-4
@@ -132,6 +143,7 @@ class _Cutting:
         self.frames, self.is_lost = frames, np.zeros(frames.size, dtype=bool)
         self.allowed = [most[frames] for most in allowed]
         self.least = [np.full(frames.size, -np.inf) for _ in allowed]
+        self.angle = [np.full(frames.size, np.inf) for _ in allowed]
         arrays, zero = part_of(program, frames), np.zeros((frames.size, program.layout.size))
         self.parts = [matrix.triangle(zero, arrays) for matrix in self.matrices]
         self.turns = [np.zeros((frames.size, 0, len(matrix.block.names))) for matrix in self.matrices]
@@ -142,11 +154,15 @@ class _Cutting:
         going = np.zeros(self.frames.size, dtype=bool)
         for n_steps in range(_MOST_STEPS):
             self.bent.clear()
-            going |= self._add_turns(is_late=n_steps >= _STRAIGHT_STEPS)
-            going &= ~self.is_lost
+            new = self._add_turns(is_late=n_steps >= _STRAIGHT_STEPS)
+            going = (going | new) & ~self.is_lost
             if not going.any():
                 break
+            before, was_near = self.block.unknowns.copy(), self.block.is_near
             going, lost = self.block.advance(going, n_steps, self.bent)
+            moved = np.abs(self.block.unknowns - before).max(axis=1, initial=0.0)
+            is_still = moved <= _STILL * np.abs(before).max(axis=1, initial=0.0)
+            going &= new | ~(is_still & (was_near | self.block.is_near))
             going[list(self.bent)] = True
             self.is_lost |= lost
             going &= ~lost
@@ -172,9 +188,10 @@ class _Cutting:
         )
 
     def _add_turns(self, *, is_late: bool) -> BoolArray:
-        """Add rows where eigenvalues are negative; tell in which frames, shape (n_frames,).
+        """Add rows where eigenvalues are negative or turn; tell in which frames, shape (n_frames,).
 
-        Late ones get the curvature of these eigenvalues for their next step.
+        Late or kept ones get the curvature of these eigenvalues for their next step, which is Newton's where
+        eigenvalues are nearly kept.
         """
         new = np.zeros(self.frames.size, dtype=bool)
         for i, (matrix, (constant, slopes)) in enumerate(zip(self.matrices, self.parts, strict=True)):
@@ -185,16 +202,23 @@ class _Cutting:
             stays = (values[:, 0] >= -self.allowed[i]) & (values[:, 0] < self.least[i] / 2)
             self.least[i] = values[:, 0]
             wanted = np.where(self.is_lost | stays, 0, negative)
+            held = self._holding_directions(i)
+            turned, is_near = self._turned(i, held, vectors), values[:, 0] >= -self.allowed[i]
+            turns_on = is_near & ~self.is_lost & (turned > _TURNED) & (turned < self.angle[i] / 2)
+            wanted = np.where(turns_on, np.maximum(wanted, 1), wanted)
+            self.angle[i] = np.where(turns_on, turned, self.angle[i])
             if not wanted.any():
                 continue
-            held = self._holding_directions(i)
             wanted = np.where(wanted > 0, np.maximum(wanted, held), 0)
             self.is_lost |= wanted > _MOST_HOLDING
             wanted[self.is_lost] = 0
-            if is_late:
-                for k in np.flatnonzero((wanted > 0) & (held > 0)):
-                    self._bend(i, int(k), int(wanted[k]), values[k], vectors[k])
+            bends = (wanted > 0) & (held > 0) & (is_late | is_near)
+            for k in np.flatnonzero(bends):
+                r = int(wanted[k])
+                vectors[k, :, :r] = self._bend(i, int(k), r, values[k], vectors[k])
             turns = _turns_of(vectors, wanted, held > 0)
+            is_newton = bends & (values[:, 0] >= -_NEARLY * self.allowed[i])
+            self._drop_inside(i, vectors, np.where(is_newton, wanted, 0))
             products = matrix.products(turns) / matrix.block.scale
             first = self.block.matrix.shape[1]
             self.block.add_rows(products @ slopes, -(products @ constant[:, :, None])[:, :, 0])
@@ -203,8 +227,26 @@ class _Cutting:
             new |= wanted > 0
         return new
 
-    def _bend(self, i: int, k: int, r: int, values: FloatArray, vectors: FloatArray) -> None:
+    def _turned(self, i: int, held: IntArray, vectors: FloatArray) -> FloatArray:
+        """Say by what angle turns that hold are off the lowest eigenvectors, shape (n_frames,)."""
+        weight = np.abs(self.block.multipliers[:, self.places[i]])
+        holds = weight > _LEAST_SHARE * weight.max(axis=1, initial=0.0, keepdims=True)
+        others = np.abs(self.turns[i] @ vectors)
+        beyond = np.arange(vectors.shape[2]) >= held[:, None, None]
+        return np.where(holds[:, :, None] & beyond, others, 0.0).max(axis=(1, 2), initial=0.0)
+
+    def _drop_inside(self, i: int, vectors: FloatArray, count: IntArray) -> None:
+        """Drop the rows of turns that the first vectors almost span: those that come stand for them."""
+        own = np.arange(vectors.shape[2]) < count[:, None, None]
+        inside = np.where(own, (self.turns[i] @ vectors) ** 2, 0.0).sum(axis=2)
+        frame, row = np.nonzero(inside > 1 - _INSIDE)
+        self.block.used[frame, self.places[i][row]] = False
+        self.block.multipliers[frame, self.places[i][row]] = 0.0
+
+    def _bend(self, i: int, k: int, r: int, values: FloatArray, vectors: FloatArray) -> FloatArray:
         r"""Add the curvature of the r lowest eigenvalues of a frame, times what they hold.
+
+        Gives the r vectors turned among themselves until each holds by itself, shape (n, r).
 
         .. math:: C_{xy} = 2 \sum_{aj} \frac{(b_a^T G_x v_j)\,(b_a^T G_y v_j)}{\lambda_j}, \quad
                   \sum_a b_a b_a^T = V_r V_r^T Z V_r V_r^T
@@ -214,12 +256,14 @@ class _Cutting:
         matrix, slopes = self.matrices[i], self.parts[i][1][k]
         weight, turns = np.abs(self.block.multipliers[k, self.places[i]]), self.turns[i][k] @ vectors[:, :r]
         share, basis = np.linalg.eigh(turns.T @ (weight[:, None] * turns))
-        held = (vectors[:, :r] @ basis * np.sqrt(np.maximum(share, 0.0))).T
+        turned = np.asarray(vectors[:, :r] @ basis)
+        held = (turned * np.sqrt(np.maximum(share, 0.0))).T
         gap = np.maximum(values[r:], _LEAST_GAP * np.abs(values).max())
         others = vectors[:, r:].T / np.sqrt(gap)[:, None]
         mixed = matrix.products(held[:, None], others[None]).reshape(-1, len(slopes)) @ slopes
         curvature = 2 / matrix.block.scale * mixed.T @ mixed
         self.bent[k] = self.bent[k] + curvature if k in self.bent else curvature
+        return turned
 
     def _holding_directions(self, i: int) -> IntArray:
         """Count the directions in which a matrix is held, shape (n_frames,)."""

@@ -9,7 +9,9 @@ import pytest
 from conic_oracle import hessian_problem, highest_eigenvalue, solve_full_frame
 
 import scso_nlp as scso
+from scso_nlp.sensitivities.conditions import Conditions
 from scso_nlp.solver.cut import cut, sums_and_differences
+from scso_nlp.solver.described import program_of
 from scso_nlp.solver.local_model import local_model
 from scso_nlp.solver.programs import starting_point
 from scso_nlp.transcription.describe import describe
@@ -35,6 +37,23 @@ def test_frames_that_are_found_are_the_optimum_of_the_matrix_inequality(rng, exp
         _, best, _ = solve_full_frame(problem, k)
         effort = (np.abs(found.start.unknowns[k]) ** exponent).sum()
         assert effort == pytest.approx(best, rel=1e-7)
+
+
+@pytest.mark.parametrize("exponent", [2.0, 3.0])
+@pytest.mark.parametrize("price", [None, 0.01, 1.0])
+def test_activations_are_those_to_which_newtons_method_goes_from_there(rng, price, exponent):
+    """A turn that is off by little costs the square of that, but moves activations by as much."""
+    problem = hessian_problem(rng, n_coordinates=4, n_frames=24, exponent=exponent, reserve=2.0)
+    rule = scso.HessianStability(level=0.0 if price is None else 60.0, soft=price)
+    problem = dataclasses.replace(problem, constraints=(problem.constraints[0], rule))
+    solution = scso.solve_trajectory(problem, on_failure="return")
+    conditions = Conditions(program_of(solution), solution)
+    found = conditions.point.x.copy()
+    conditions.settle()
+    far = np.abs(conditions.point.x - found)[conditions.is_regular, :16].max(axis=1)
+    assert far.size > 16
+    assert np.median(far) < 1e-9
+    assert far.max() < 1e-5
 
 
 def test_turns_are_unit_vectors_that_push_and_frames_above_their_level_have_none(rng):
