@@ -112,7 +112,7 @@ def cut(model: LocalModel, start: FloatArray, known: Start | None = None) -> Cut
         cutting = _Cutting(model, objective, part, found, allowed)
         with one_thread():
             cutting.solve()
-        good = ~cutting.is_lost
+        good = ~cutting.is_lost & ~cutting.block.hides()
         is_found[part] = good
         found = cutting.start(found, good)
         for i, (new, weight) in enumerate(cutting.holding()):

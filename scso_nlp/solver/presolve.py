@@ -72,6 +72,10 @@ _ROUNDING = 2.0**-52
 #: They end where one leaves more than this of what it found.
 _LEAST_GAIN = 0.1
 
+#: Unknowns inside their bounds and larger than this much of the frame's largest are hidden where more than
+#: this share of what acts on them is left over [-].
+_HIDDEN, _HIDING = 1e-6, 1e-3
+
 _EQUATION, _INEQUALITY = 5, 0
 #: Flags of DAQP: optimal, to rounding only, infeasible.
 _OPTIMAL, _ROUNDED, _INFEASIBLE = 1, 4, -1
@@ -448,6 +452,18 @@ class Block:
         """Gradient of the objective and what the rows push with, shape (n_frames, n_unknowns)."""
         gradient, _ = self.objective.near(self.unknowns, self.arrays)
         return gradient + np.einsum("kri,kr->ki", self.matrix, self.multipliers * self.length)
+
+    def hides(self) -> BoolArray:
+        """Tell in which frames costs of large unknowns hide others that do not balance, shape (n_frames,)."""
+        gradient, _ = self.objective.near(self.unknowns, self.arrays)
+        pushed = self.multipliers * self.length
+        acting = np.abs(gradient) + np.einsum("kri,kr->ki", np.abs(self.matrix), np.abs(pushed))
+        left = np.abs(gradient + np.einsum("kri,kr->ki", self.matrix, pushed))
+        size = np.abs(self.unknowns).max(axis=1, initial=0.0, keepdims=True)
+        inside = (self.unknowns - self.lower > _HIDDEN * size) & (self.upper - self.unknowns > _HIDDEN * size)
+        costs = self.is_free & (gradient != 0) & (np.abs(self.unknowns) > _HIDDEN * size)
+        off = inside & costs & (left > _HIDING * acting)
+        return np.asarray(off.any(axis=1))
 
     def _missed(self) -> FloatArray:
         """Largest amount by which a row or bound is missed, over the size of the row, shape (n_frames,)."""
