@@ -187,3 +187,11 @@ def test_the_oracles_see_what_is_not_the_optimum_and_what_is_not_stable(rng):
     # a solution that is called infeasible
     failed = dataclasses.replace(solution, frame_status=(Status.INFEASIBLE,) * 2)
     assert outcome("level 0", problem, failed, 0, highest[0]) == "INFEASIBLE, but there is a solution"
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(283, id="weak reserves cost so much at an exponent of 10 that they hide muscles")]
+)
+def test_problems_that_once_were_not_right(seed):
+    """Found by a thousand random problems."""
+    assert {word for *_, word in verdicts(seed)} == {"right"}
