@@ -18,7 +18,7 @@ from scso_nlp.solver.feasibility import Impossible, contradiction, least_effort,
 from scso_nlp.solver.ipopt import IpoptAnswer, SolverOptions, call_ipopt, compile_ipopt
 from scso_nlp.solver.judge import Outcome, unknowns_of
 from scso_nlp.solver.optimality import OPTIMALITY_TOLERANCE, optimality_of
-from scso_nlp.solver.presolve import Start, balanced, presolve
+from scso_nlp.solver.presolve import Start, balanced, presolve, told_by_own
 from scso_nlp.solver.relative import QuadraticPrograms, may_be_convex
 from scso_nlp.transcription.build import FrameScale, Nlp, build_nlp
 from scso_nlp.transcription.describe import FrameProgram
@@ -385,7 +385,11 @@ class _Run:
 
     def _balance(self, worst: FloatArray, frames: IntArray) -> None:
         """Take optima in which every unknown is exact, whatever the others cost, where that is nearer."""
-        found = balanced(self.program, frames)
+        own = frames[self.unit[frames] == 1]
+        self._take_nearer(told_by_own(self.program, own, self.unknowns, self.multipliers[0]), worst)
+        self._take_nearer(balanced(self.program, frames[worst[frames] > OPTIMALITY_TOLERANCE]), worst)
+
+    def _take_nearer(self, found: Start, worst: FloatArray) -> None:
         for k in np.flatnonzero(found.is_optimal & (found.worst < worst)):
             self.unknowns[k], self.multipliers[0][k] = found.unknowns[k], found.multipliers[k]
             self.status[k], self.unit[k], worst[k] = Status.SOLVED, 1.0, found.worst[k]

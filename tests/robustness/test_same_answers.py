@@ -26,8 +26,6 @@ IN_OBJECTIVE = 1e-8
 #: Largest difference in activations and controls at exponents 2 and 3, where they are unique [-].
 IN_ACTIVATION = 1e-6
 UNIQUE = (2.0, 3.0)
-#: From this exponent on a frame may be told not optimal for its multipliers alone.
-OUT_OF_DIGITS = 100.0
 
 
 def compared(seed):
@@ -39,13 +37,6 @@ def compared(seed):
         found = [
             (f"{outcome}, at 1e-13", above, apart) for outcome, above, apart in _frames(problem, fast, COLDER)
         ]
-    if exponent >= OUT_OF_DIGITS:  # multipliers of one frame are up to a hundred powers of ten apart
-        found = [
-            ("the same, its multipliers not", above, apart)
-            if outcome == "lost" and apart <= IN_ACTIVATION
-            else (outcome, above, apart)
-            for outcome, above, apart in found
-        ]
     return [(exponent, *frame) for frame in found]
 
 
@@ -56,9 +47,7 @@ def _frames(problem, fast, options):
 
 def _frame(problem, fast, cold, k):
     if not fast.frame_status[k].is_solved:
-        apart = np.nan_to_num(np.abs(unknowns(fast, k) - unknowns(cold, k)).max(), nan=np.inf)
-        is_lost = cold.frame_status[k].is_solved
-        return ("lost", 0.0, float(apart)) if is_lost else ("not solved by either", 0.0, 0.0)
+        return ("lost" if cold.frame_status[k].is_solved else "not solved by either"), 0.0, 0.0
     if not cold.frame_status[k].is_solved:
         return "solved by the fast path only", 0.0, 0.0
     frame = Frame.of(problem, k)
@@ -83,3 +72,11 @@ def test_the_fast_path_gives_the_answers_of_a_cold_start(part):
     unique = [entry[3] for entry in found if entry[0] in UNIQUE]
     assert len(unique) > 0.1 * len(found)
     assert max(unique) <= IN_ACTIVATION
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(490, id="a reserve costs a hundred powers of ten less than muscles")]
+)
+def test_problems_that_once_were_lost(seed):
+    """Found by a thousand random problems."""
+    assert {outcome for _, outcome, *_ in compared(seed)} <= {"the same", "the cold start is above"}
